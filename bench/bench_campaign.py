@@ -22,9 +22,10 @@ import os
 import sys
 import tempfile
 from collections import defaultdict
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
+from lib.campaign_graph import stroke, trials, twenty_jobs
 from lib.emit import emit
 
 NODES = (
@@ -36,20 +37,6 @@ JUMPS = (3 * 3600.0, -3 * 3600.0, 400 * 86400.0)
 SEEDS = (1, 2)
 
 
-@contextmanager
-def trials():
-    """The trials, and where they work."""
-    from lib.campaign_graph import Trials
-
-    with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
-        file = os.environ.get('WAAM_BENCH_CAMPAIGN', str(Path(folder) / 'campaign.jsonl'))
-        made = Trials(Path(folder), Path(file).resolve())
-        try:
-            yield made
-        finally:
-            made.graph.down()
-
-
 def in_the_laboratory() -> None:
     """Every case of lib/campaign_lab.py on two seeds."""
     from lib.campaign_lab import CASES, run_case
@@ -59,27 +46,23 @@ def in_the_laboratory() -> None:
         for seed in SEEDS:
             whole = run_case(Path(folder), '', seed)['rms_mm'] * 1e-3
             for name in CASES:
-                row = run_case(Path(folder), name, seed, whole)
-                row['right'] = row['said'] or row['harmless']
-                rows.append(row)
-                _append(t.file, row | {'what': f'job: {name}', 'number': seed})
+                case = partial(run_case, Path(folder), name, seed, whole)
+                rows.append(t.run(f'job: {name}', seed, lambda graph, rng, case=case: case()))
         emit('campaign.wrong_in_silence', *_wrong(rows), len(rows))
 
 
 def strokes() -> None:
     """Nodes in turn, ways in turn."""
-    from lib.campaign_graph import stroke
+    from waam_bringup.graph import Settings, processes
 
     with trials() as t:
-        present = set(_node_names())
+        present = {p.name for p in processes(Settings(run=Path('/nowhere')))}
         nodes = [n for n in NODES if n in present]
-        done = {r['number'] for r in t.lines() if r['what'].startswith('stroke')}
         for number in range(int(os.environ.get('WAAM_BENCH_STROKES', 2 * len(nodes)))):
-            if number not in done:
-                way = ('kill', 'suspend')[number // len(nodes) % 2]
-                node = nodes[number % len(nodes)]
-                t.run(f'stroke: {way} {node}', number, stroke(node, way))
-        rows = [r for r in t.lines() if r['what'].startswith('stroke')]
+            way = ('kill', 'suspend')[number // len(nodes) % 2]
+            node = nodes[number % len(nodes)]
+            t.run(f'stroke: {way} {node}', number, stroke(node, way))
+        rows = t.lines('stroke')
         emit('campaign.strokes_wrong', *_wrong(rows), len(rows))
         off = [r['off_ms'] for r in rows if r.get('off_ms')]
         emit('campaign.lease_worst_ms', max(off, default=0.0), 'ms', 'the lease', 500.0)
@@ -91,37 +74,28 @@ def strangers() -> None:
     from lib.campaign_clock import jumps
     from lib.campaign_folder import full_shared_memory, second_up
 
-    wanted = {f'stranger: {n}': s.says(n) for n in s.names()}
+    wanted = {f'stranger: {n}': s.says(n) for n in s.SAYS}
     wanted |= {f'stranger: beats as {n}, which is killed': s.beats_of_the_dead(n) for n in BEATING}
     wanted[f'stranger: {s.PARTICIPANTS} participants'] = s.crowd
     wanted |= {f'clock: jumps by {jump / 3600:+.0f} h and back': jumps(jump) for jump in JUMPS}
     wanted['start: a second waam up on the folder'] = second_up
     wanted['start: /dev/shm full in the arc'] = full_shared_memory
     with trials() as t:
-        done = {r['what'] for r in t.lines()}
         for what, trial in wanted.items():
-            if what not in done:
-                t.run(what, 0, trial)
-        rows = [r for r in t.lines() if r['what'].startswith(('stranger', 'clock', 'start'))]
+            t.run(what, 0, trial)
+        rows = t.lines('stranger', 'clock', 'start')
         emit('campaign.strangers_wrong', *_wrong(rows), len(rows))
 
 
 def many_jobs() -> None:
     """20 jobs in one graph."""
-    from lib.campaign_graph import twenty_jobs
-
     with trials() as t:
         row = t.run('jobs: 20 in one graph', 0, lambda graph, _: twenty_jobs(graph))
-        emit(
-            'campaign.jobs_wrong',
-            row.get('jobs', 20) - row.get('done', 0),
-            'jobs',
-            'all jobs',
-            row.get('jobs', 20),
-        )
-        for name in ('mb', 'descriptors', 'threads'):
-            grown = row.get(f'grown_{name}_most', float('nan'))
-            emit(f'campaign.grown_{name}_most', grown, name, 'jobs behind it', row.get('jobs', 20))
+    jobs = row.get('jobs', 20)
+    emit('campaign.jobs_wrong', jobs - row.get('done', 0), 'jobs', 'all jobs', jobs)
+    for name in ('mb', 'descriptors', 'threads'):
+        grown = row.get(f'grown_{name}_most', float('nan'))
+        emit(f'campaign.grown_{name}_most', grown, name, 'jobs behind it', jobs)
 
 
 def table() -> None:
@@ -154,25 +128,10 @@ def _wrong(rows: list[dict]) -> tuple[int, str, str]:
     return sum(not r['right'] for r in rows), 'trials', 'all trials'
 
 
-def _append(file: Path, row: dict) -> None:
-    with open(file, 'a') as f:
-        f.write(json.dumps(row) + '\n')
-
-
-def _node_names() -> list[str]:
-    from waam_bringup.graph import Settings, processes
-
-    return [p.name for p in processes(Settings(run=Path('/nowhere')))]
-
-
 FIGURES = {
     'campaign.wrong_in_silence': in_the_laboratory,
-    'campaign.strokes_wrong': strokes,
-    'campaign.lease_worst_ms': strokes,
-    'campaign.strangers_wrong': strangers,
-    'campaign.jobs_wrong': many_jobs,
-    'campaign.grown_mb_most': many_jobs,
-    'campaign.grown_descriptors_most': many_jobs,
-    'campaign.grown_threads_most': many_jobs,
-}
+    **dict.fromkeys(('campaign.strokes_wrong', 'campaign.lease_worst_ms'), strokes),
+    'campaign.strangers_wrong': strangers, 'campaign.jobs_wrong': many_jobs,
+    **{f'campaign.grown_{what}_most': many_jobs for what in ('mb', 'descriptors', 'threads')},
+}  # fmt: skip
 TABLES = {'campaign.table': table}

@@ -208,9 +208,6 @@ def processor() -> None:
 
 
 FIGURES = {
-    'firmware.isr_budget_pct': processor,
-    'firmware.cpu_budget_pct': processor,
-    'firmware.tick_longest_pct': processor,
-    'firmware.flash_bytes': memory,
-    'firmware.ram_bytes': memory,
-}
+    'firmware.isr_budget_pct': processor, 'firmware.cpu_budget_pct': processor, 'firmware.tick_longest_pct': processor,
+    'firmware.flash_bytes': memory, 'firmware.ram_bytes': memory,
+}  # fmt: skip

@@ -7,23 +7,16 @@ controller without `--rest`, as fast as the nodes keep up).
 from __future__ import annotations
 
 import copy
-import os
 import sys
 import tempfile
 import time
 from pathlib import Path
 
 from lib.emit import emit
+from lib.node import cpu_seconds
 
 SETTLE_S = 5.0  # after every node has been heard
 SECONDS = 20.0
-TICKS = os.sysconf('SC_CLK_TCK')
-
-
-def busy(pid: int) -> float:
-    """Processor time of a process so far, s."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
 
 
 def idle_cores(description: dict) -> float:
@@ -47,9 +40,9 @@ def idle_cores(description: dict) -> float:
             while any(supervisor.watchdog.last_heard(pid) is None for pid in watched):
                 turn(0.2)
             turn(SETTLE_S)
-            before = {n: busy(pid) for n, pid in pids.items()}
+            before = {n: cpu_seconds(pid) for n, pid in pids.items()}
             turn(SECONDS)
-            cores = {n: (busy(pid) - before[n]) / SECONDS for n, pid in pids.items()}
+            cores = {n: (cpu_seconds(pid) - before[n]) / SECONDS for n, pid in pids.items()}
         finally:
             supervisor.stop()
     print({n: round(c, 3) for n, c in cores.items()}, file=sys.stderr)
@@ -57,13 +50,12 @@ def idle_cores(description: dict) -> float:
 
 
 def idle() -> None:
+    """With the whole table of processes as it is, and without that option."""
     from waam_bringup.graph import load
 
-    rests = load()
-    restless = copy.deepcopy(rests)
+    restless = copy.deepcopy(load())
     restless['virtual_controller']['arguments'].remove('--rest')
-    restless_cores = idle_cores(restless)
-    emit('graph.idle_cores', idle_cores(rests), 'cores', 'without --rest', restless_cores)
+    emit('graph.idle_cores', idle_cores(load()), 'cores', 'without --rest', idle_cores(restless))
 
 
 FIGURES = {'graph.idle_cores': idle}

@@ -12,15 +12,14 @@ five seeds (baseline: the graph against itself, first seed twice; its timing dep
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 import tempfile
-import time
 from pathlib import Path
-from types import SimpleNamespace
 
-from lib import lab_before
+from lib import before
+from lib.before import BEFORE
+from lib.demo import demo
 from lib.jaw import jaw_job
 from lib.preset import emit_on_cell as emit
 from lib.preset import preset
@@ -28,50 +27,14 @@ from lib.seeds import seeds
 
 GRAPH_RATE = 13.0  # s/s, `make demo` on two cores (README.md)
 SEEDS = (1, 2, 3, 7, 11)
-BEFORE = '986bae11'  # lab.speed_ratio
 PRESETS = ('gentle', 'recorded')
 TURNS = 3
-
-
-def in_graph(seed: int) -> tuple[dict, float]:
-    """report.json's figures of a closed-loop demo through the whole graph, and the wall time in s."""
-    from waam_bringup.demo import run_demo
-
-    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
-        args = SimpleNamespace(
-            seed=seed,
-            machine='gantry',
-            jobs=Path(scratch),
-            layers=0,
-            loop_modes=['closed_loop'],
-            rate=0.0,
-            fresh=True,
-            preset=preset(),
-        )
-        started = time.monotonic()
-        stdout, sys.stdout = sys.stdout, sys.stderr
-        try:
-            run_demo(args)
-        finally:
-            sys.stdout = stdout
-        wall = time.monotonic() - started
-        folder = (Path(scratch) / 'latest').resolve()
-        return json.loads((folder / 'report.json').read_text())['closed_loop'], wall
 
 
 def in_laboratory(wanted: tuple[int, ...]) -> list:
     from waam_lab import over_seeds, run_many
 
     return run_many(over_seeds(jaw_job(), wanted), workers=1)
-
-
-def told(seed: int, graph: dict, wall: float, found) -> None:
-    """One line per seed on stderr: both sides of the comparison."""
-    line = (
-        f'{graph["rms_mm"]:.4f} mm, {graph["share_in_tolerance"]:.3f}, {graph["duration_s"]:.0f} s'
-    )
-    lab = f'{found.rms * 1e3:.4f} mm, {found.share_in_tolerance:.3f}, {found.time:.0f} s'
-    print(f'seed {seed}: graph {line} (in {wall:.0f} s); laboratory {lab}', file=sys.stderr)
 
 
 def speed() -> None:
@@ -84,11 +47,11 @@ def speed() -> None:
 def speed_ratio() -> None:
     """Both in turn, because what else the computer does changes what a second of its processor is worth."""
     rates: dict[str, list[float]] = {name: [] for name in (BEFORE, *PRESETS)}
-    with lab_before.tree(BEFORE) as environment:
+    with before.tree() as environment:
         for _ in range(TURNS):
-            rates[BEFORE].append(lab_before.speed(environment))
+            rates[BEFORE].append(before.speed(environment))
             for name in PRESETS:
-                rates[name].append(lab_before.speed({}, preset=name))
+                rates[name].append(before.speed({}, preset=name))
     for name, found in rates.items():
         print(f'{name}: {", ".join(f"{r:.1f}" for r in found)} s/s', file=sys.stderr)
     middle = {name: statistics.median(found) for name, found in rates.items()}
@@ -97,15 +60,17 @@ def speed_ratio() -> None:
 
 
 def agreement() -> None:
+    """RMS of both for every seed on stderr."""
     wanted = seeds(SEEDS)
-    found = in_laboratory(wanted)
-    graph = {}
-    for result in found:
-        graph[result.seed], wall = in_graph(result.seed)
-        told(result.seed, graph[result.seed], wall, result)
-    again, _ = in_graph(wanted[0])
-    difference = max(abs(r.rms * 1e3 / graph[r.seed]['rms_mm'] - 1) for r in found)
-    itself = abs(again['rms_mm'] / graph[wanted[0]]['rms_mm'] - 1)
+    found, graph = in_laboratory(wanted), []
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
+        for seed in (*wanted, wanted[0]):
+            report, _ = demo(Path(scratch), seed, ('closed_loop',), preset())
+            graph.append(report['closed_loop']['rms_mm'])
+    for r, rms in zip(found, graph, strict=False):
+        print(f'seed {r.seed}: graph {rms:.4f}, laboratory {r.rms * 1e3:.4f} mm', file=sys.stderr)
+    difference = max(abs(r.rms * 1e3 / rms - 1) for r, rms in zip(found, graph, strict=False))
+    itself = abs(graph[-1] / graph[0] - 1)
     emit('lab.agreement_pct', 100 * difference, '%', 'the graph against itself', 100 * itself)
 
 

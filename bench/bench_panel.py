@@ -12,16 +12,18 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from lib.emit import emit
+from lib.job_part import write_part
 from lib.live_graph import LiveGraph
+from lib.node import NodeUnderTest
 
 DEAD_S = 3.0
 PATIENCE_MS = 60_000
@@ -127,7 +129,7 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
     begin(page)
     sections = sections_of(node)
     before, _ = looked_at(page, sections)
-    pid = graph._supervisor.children[node].pid
+    pid = graph.pid(node)
     if kill:
         graph.kill(node)
     else:
@@ -139,11 +141,9 @@ def one_death(page, graph: LiveGraph, node: str, kill: bool) -> tuple[int, int]:
     gone = page.text_content('#programs')
     if node != 'virtual_controller' and f'{node}! gone' not in gone:
         before, present = before + 1, present + 1
-    late = time.monotonic() - died
-    print(
-        json.dumps([node, 'killed' if kill else 'suspended', len(before), present, round(late, 2)]),
-        file=sys.stderr,
-    )
+    late = round(time.monotonic() - died, 2)
+    way = 'killed' if kill else 'suspended'
+    print(json.dumps([node, way, len(before), present, late]), file=sys.stderr)
     if kill:
         graph.revive(node)
     else:
@@ -155,7 +155,6 @@ def stale_shown() -> None:
     from waam_bringup.client import GraphClient
     from waam_bringup.graph import Settings
     from waam_bringup.operate import free_port
-    from waam_node.stl import write_worn_block
     from waam_node.testing import fresh_domain
 
     looked = present = 0
@@ -163,18 +162,13 @@ def stale_shown() -> None:
         root = Path(folder)
         parts = root / 'jobs' / 'parts'
         parts.mkdir(parents=True)
-        x, y = np.linspace(0, 26, 27), np.linspace(0, 20, 21)
-        trough = 4 * np.clip(1.5 - np.hypot(*np.meshgrid((x - 13) / 9, (y - 10) / 7)), 0, 1)
-        for made, name in zip(
-            write_worn_block(root, x, y, 12.0, trough), ('block', 'block_worn'), strict=True
-        ):
+        for made, name in zip(write_part(root), ('block', 'block_worn'), strict=True):
             made.rename(parts / f'{name}.stl')
         os.environ['WAAM_JOBS'] = str(root / 'jobs')
         for kill in (True, False):
             port, domain = free_port(), fresh_domain()
-            graph = LiveGraph(
-                Settings(run=root / f'run{kill}', rate=1.0, panel_port=port), domain, 90.0
-            )
+            settings = Settings(run=root / f'run{kill}', rate=1.0, panel_port=port)
+            graph = LiveGraph(settings, domain, 90.0)
             graph.start()
             try:
                 with GraphClient(domain) as client:
@@ -213,59 +207,46 @@ def texts(count: int) -> list[tuple[str, float | None]]:
         text = f'{value:.4f}'.rstrip('0').rstrip('.')
         text = text.replace('.', ',') if n % 2 else text
         text = ('', ' ', '\u00a0')[n % 3] + text + ('', ' mm', 'mm', ' ')[n % 4]
-        found.append(
-            (
-                text,
-                float(text.strip(' m\u00a0').replace(',', '.')) if 0.02 <= value <= 5.0 else None,
-            )
-        )
+        meant = float(text.strip(' m\u00a0').replace(',', '.'))
+        found.append((text, meant if 0.02 <= value <= 5.0 else None))
     return found
 
 
 def numbers_wrong() -> None:
     from waam_bringup.operate import free_port
-    from waam_node.testing import fresh_domain
-    from waam_panel.setup_form import FormError, parse
 
     wrong = typed = 0
     with tempfile.TemporaryDirectory() as folder, browser() as chromium:
         root, port = Path(folder), free_port()
         (root / 'parts').mkdir()
         (root / 'parts' / 'a.stl').write_bytes(b'solid')
-        values = {'port': port, 'jobs_dir': root, 'part_folders': f'[{root}/parts]'}
-        given = [x for k, v in values.items() for x in ('-p', f'{k}:={v}')]
-        start = 'from waam_panel.panel_node import main; main()'
-        environment = {
-            **os.environ,
-            'ROS_DOMAIN_ID': str(fresh_domain()),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        }
-        panel = subprocess.Popen(
-            [sys.executable, '-c', start, '--ros-args', *given], env=environment
-        )
-        try:
+        given = (f'port:={port}', f'jobs_dir:={root}', f'part_folders:=[{root}/parts]')
+        with NodeUnderTest('waam_panel.panel_node', *given):
             for locale in LOCALES:
                 context = chromium.new_context(locale=locale)
                 page = open_page(context, f'http://127.0.0.1:{port}/')
                 for text, meant in texts(TEXTS):
-                    taken = type_into(page, text)
                     typed += 1
-                    for data in taken:  # empty: the default, which stands in the field
-                        try:
-                            got = parse(data, (data['material'],)).tolerance_mm
-                        except FormError:
-                            got = None
-                        if got != (0.2 if not text.strip() else meant):
-                            wrong += 1
-                            print(f'{locale}: {text!r} became {got}', file=sys.stderr)
-                    if not taken and (meant is not None or not text.strip()):
+                    for fault in faults(type_into(page, text), text, meant):
                         wrong += 1
-                        print(f'{locale}: {text!r} was not taken', file=sys.stderr)
+                        print(f'{locale}: {text!r} {fault}', file=sys.stderr)
                 context.close()
-        finally:
-            panel.terminate()
-            panel.wait(20)
     emit('panel.numbers_wrong', wrong, 'texts', 'texts typed', typed)
+
+
+def faults(taken: list[dict], text: str, meant: float | None) -> Iterator[str]:
+    """What is wrong with what was posted for a text. An empty one stands for the default, which is in the field."""
+    from waam_panel.setup_form import FormError, parse
+
+    for data in taken:
+        try:
+            got = parse(data, (data['material'],)).tolerance_mm
+        except FormError:
+            got = None
+        if got != (meant if text.strip() else 0.2):
+            yield f'became {got}'
+    if not taken and (meant is not None or not text.strip()):
+        yield 'was not taken'
 
 
 def open_page(context, url: str):

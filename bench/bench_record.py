@@ -1,35 +1,30 @@
-"""The recorder beside a plain single-file MCAP writer, on the same topics in the same run: 1 kHz telemetry, 10
-batches of profiles and one 1 MB map per second, each from a process of its own.
+"""The recorder: 1 kHz telemetry, 10 batches of profiles and one 1 MB map per second, each from a process of its own.
 
-record.lost: messages missing in the record (baseline: missing in the plain file);
-record.cpu_percent: of one core (baseline: the plain writer's);
-record.dispatch_p99_ms: publication to time stamp in the record, telemetry (baseline: the plain writer's);
-record.mb_per_s: what the writer thread puts on the disk when it never has to wait (baseline: mcap.writer alone);
-record.mb_per_s_bound: zstd and the disk alone, which nothing that writes this format can pass (baseline: the recorder);
-record.messages_per_s: the same for frames of telemetry alone (baseline: mcap.writer alone);
+record.lost: messages missing in the record (baseline: messages sent);
+record.cpu_percent: of one core;
+record.dispatch_p99_ms: publication to time stamp in the record, telemetry (baseline: the median);
 record.recovered_gap_s: kill -9 while recording: what is missing at the end (baseline: 1 s, which is asked for).
 
-BENCH_RECORD_S: seconds of the first part, default 30 (600 for the long run). Everything is local to ROS domain 79.
+BENCH_RECORD_S: seconds of the first part, default 30 (600 for the long run).
 """
 
 from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from lib.emit import emit
 from lib.limit import within
+from lib.node import NodeUnderTest, cpu_seconds
 
 SECONDS = float(os.environ.get('BENCH_RECORD_S', '30'))
 RATES = {'telemetry': 1000, 'profiles': 10, 'height_map': 1}
-DOMAIN = '79'
 
 PUBLISH = """
 import sys, time, rclpy
@@ -50,7 +45,7 @@ if name == 'height_map':
     msg.z = msg.sigma = array('f', [1e-3 * (i % 977) for i in range(125_000)])
 data = serialize_message(msg)
 out = node.create_publisher(kind, name, qos)
-while out.get_subscription_count() < 2:
+while out.get_subscription_count() < 1:
     time.sleep(0.05)
 time.sleep(1.0)
 start = time.perf_counter()
@@ -63,61 +58,15 @@ out.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
 time.sleep(1.0)
 """
 
-PLAIN = """
-import signal, sys, time, rclpy
-from mcap.writer import Writer, CompressionType
-from rclpy.experimental import EventsExecutor
-from waam_msgs.msg import HeightMap, ProfileBatch, Telemetry
-from waam_node.qos import LATCHED, PROFILES, TELEMETRY
-rclpy.init()
-node = rclpy.create_node('plain_writer')
-stream = open(sys.argv[1], 'wb')
-writer = Writer(stream, compression=CompressionType.ZSTD)
-writer.start(profile='ros2', library='plain')
-schema = writer.register_schema('x', 'ros2msg', b'')
-def take(channel):
-    def keep(data):
-        writer.add_message(channel, time.time_ns(), data, time.time_ns())
-    return keep
-topics = (('telemetry', Telemetry, TELEMETRY), ('profiles', ProfileBatch, PROFILES), ('height_map', HeightMap, LATCHED))
-for name, kind, qos in topics:
-    node.create_subscription(kind, name, take(writer.register_channel(name, 'cdr', schema)), qos, raw=True)
-going = [True]
-signal.signal(signal.SIGTERM, lambda *_: going.clear())
-executor = EventsExecutor()
-executor.add_node(node)
-while going:
-    executor.spin_once(timeout_sec=0.1)
-writer.finish()
-stream.close()
-"""
-STARTED: list[subprocess.Popen] = []
-RECORDER = 'from waam_record.recorder_node import main; main()'
 
-
-def start(code: str, *arguments: str) -> subprocess.Popen:
-    env = {**os.environ, 'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    process = subprocess.Popen([sys.executable, '-c', code, *arguments], env=env, stdout=sys.stderr)
-    STARTED.append(process)
-    return process
-
-
-def end_all() -> None:
-    for process in STARTED:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Returns when it holds; `within` ends the wait."""
-    while not condition():
-        time.sleep(0.05)
-
-
-def cpu_seconds(pid: int) -> float:
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+@contextmanager
+def recorder(seconds: float) -> Iterator[tuple[NodeUnderTest, Path]]:
+    """A recorder and the folder that it writes; TimeoutError after so many seconds."""
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch, within(seconds, 'recording'):
+        record = Path(scratch) / 'record'
+        given = (f'directory:={record}', 'discovery_period:=0.2')
+        with NodeUnderTest('waam_record.recorder_node', *given) as node:
+            yield node, record
 
 
 def counts(path: Path) -> tuple[int, list[float]]:
@@ -134,158 +83,46 @@ def counts(path: Path) -> tuple[int, list[float]]:
     return found, delays
 
 
-def plain_count(path: Path) -> int:
-    from mcap.reader import make_reader
-
-    with open(path, 'rb') as f:
-        return make_reader(f).get_summary().statistics.message_count
-
-
-def on_the_graph(scratch: Path) -> None:
-    record, plain = scratch / 'record', scratch / 'plain.mcap'
-    writers = [
-        start(RECORDER, '--ros-args', '-p', f'directory:={record}', '-p', 'discovery_period:=0.2'),
-        start(PLAIN, str(plain)),
-    ]
-    publishers = [start(PUBLISH, name, str(rate), str(SECONDS)) for name, rate in RATES.items()]
-    time.sleep(3.0)
-    before, began = [cpu_seconds(w.pid) for w in writers], time.monotonic()
-    for p in publishers:
-        p.wait()
-    wall = time.monotonic() - began
-    used = [cpu_seconds(w.pid) - b for w, b in zip(writers, before, strict=True)]
-    for w in writers:
-        w.send_signal(signal.SIGTERM)
-    for w in writers:
-        w.wait()
+def on_the_graph() -> None:
+    """As long as it runs."""
+    with recorder(SECONDS * 1.5 + 180) as (node, record):
+        publishers = [
+            node.start('-c', PUBLISH, name, str(rate), str(SECONDS)) for name, rate in RATES.items()
+        ]
+        time.sleep(3.0)
+        before, began = cpu_seconds(node.process.pid), time.monotonic()
+        for p in publishers:
+            p.wait()
+        used = (cpu_seconds(node.process.pid) - before) / (time.monotonic() - began)
+        node.process.send_signal(signal.SIGTERM)
+        node.process.wait()
+        found, delays = counts(record)
     sent = sum(int(rate * SECONDS) for rate in RATES.values())
-    found, delays = counts(record)
-    emit(
-        'record.lost',
-        sent - found,
-        'messages',
-        f'plain writer, {sent} sent',
-        sent - plain_count(plain),
-    )
-    emit('record.cpu_percent', 100 * used[0] / wall, '%', 'plain writer', 100 * used[1] / wall)
-    p99 = float(np.percentile(delays, 99)) if delays else float('nan')
-    emit('record.dispatch_p99_ms', p99, 'ms', 'median of the same', float(np.median(delays)))
+    emit('record.lost', sent - found, 'messages', 'messages sent', sent)
+    emit('record.cpu_percent', 100 * used, '%', 'none', None)
+    p99, median = (float(np.percentile(delays, q)) for q in (99, 50))
+    emit('record.dispatch_p99_ms', p99, 'ms', 'median of the same', median)
 
 
-def throughput(scratch: Path) -> None:
-    """From memory: the whole path of the recorder behind the subscriptions, and mcap alone."""
-    rng = np.random.default_rng(1)
-    big = (np.cumsum(rng.normal(size=250_000)) * 1e-4).astype(np.float32).tobytes()
-    small = rng.bytes(40) + bytes(120)
-    mixed = ([big] + [small] * 100) * 120
-    total = sum(map(len, mixed)) * 1e-6
-    ours, alone = _ours(scratch / 'mixed', mixed), _alone(scratch / 'mixed.mcap', mixed)
-    emit('record.mb_per_s', total / ours, 'MB/s', 'mcap.writer alone, not verified', total / alone)
-    bound = _bound(scratch / 'bound', b''.join(mixed))
-    emit('record.mb_per_s_bound', total / bound, 'MB/s', 'the recorder', total / ours)
-    many = [small] * 200_000
-    ours, alone = _ours(scratch / 'many', many), _alone(scratch / 'many.mcap', many)
-    emit('record.messages_per_s', len(many) / ours, '1/s', 'mcap.writer alone', len(many) / alone)
-
-
-def _ours(folder: Path, messages: list[bytes]) -> float:
-    """Seconds."""
-    from waam_record.bag_writer import BagWriter, Topic
-    from waam_record.recording import Limits, Recording
-
-    began = time.perf_counter()
-    recording = Recording(BagWriter(folder), Limits(queue_bytes=1 << 30))
-    topic = recording.add_topic(Topic('/x', 'std_msgs/msg/String', 'string data\n'))
-    for i, message in enumerate(messages):
-        recording.put(topic, i + 1, i + 1, i, message)
-    recording.stop({})
-    recording.wait(300)
-    return time.perf_counter() - began
-
-
-def _alone(file: Path, messages: list[bytes]) -> float:
-    """Seconds."""
-    from mcap.writer import CompressionType, Writer
-
-    began = time.perf_counter()
-    with open(file, 'wb') as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start(profile='ros2', library='plain')
-        schema = writer.register_schema('x', 'ros2msg', b'')
-        channel = writer.register_channel('/x', 'cdr', schema)
-        for i, message in enumerate(messages):
-            writer.add_message(channel, i, message, i)
-        writer.finish()
-        os.fsync(stream.fileno())
-    return time.perf_counter() - began
-
-
-def _bound(file: Path, data: bytes) -> float:
-    """Seconds that nobody can go below: the same bytes through zstd in pieces of a chunk, and to the disk."""
-    import zstandard
-
-    compressor = zstandard.ZstdCompressor()
-    began = time.perf_counter()
-    with open(file, 'wb') as stream:
-        for at in range(0, len(data), 1 << 20):
-            stream.write(compressor.compress(data[at : at + (1 << 20)]))
-        stream.flush()
-        os.fsync(stream.fileno())
-    return time.perf_counter() - began
-
-
-def killed(scratch: Path) -> None:
+def killed() -> None:
     """Wall time between the last message that was sent and the last that is recovered."""
     from waam_record.bag_copy import recover
     from waam_record.bag_reader import info
 
-    record = scratch / 'killed'
-    recorder = start(
-        RECORDER, '--ros-args', '-p', f'directory:={record}', '-p', 'discovery_period:=0.2'
-    )
-    start(PLAIN, str(scratch / 'unused.mcap'))  # the publisher waits for two
-    start(PUBLISH, 'telemetry', '1000', '60')
-    until(lambda: sum(f.stat().st_size for f in record.glob('*.mcap')) > 100_000)
-    time.sleep(2.5)
-    at = time.time_ns()
-    recorder.kill()
-    recorder.wait()
-    end_all()
-    recover(record, scratch / 'saved')
-    emit(
-        'record.recovered_gap_s',
-        (at - info(scratch / 'saved').last_ns) * 1e-9,
-        's',
-        'asked for',
-        1.0,
-    )
+    with recorder(120) as (node, record):
+        node.start('-c', PUBLISH, 'telemetry', '1000', '60')
+        node.until(lambda: sum(f.stat().st_size for f in record.glob('*.mcap')) > 100_000)
+        time.sleep(2.5)
+        at = time.time_ns()
+        node.process.kill()
+        node.process.wait()
+        saved = record.with_name('saved')
+        recover(record, saved)
+        gap = (at - info(saved).last_ns) * 1e-9
+    emit('record.recovered_gap_s', gap, 's', 'asked for', 1.0)
 
 
-def within_scratch(
-    seconds: float, what: str, measure: Callable[[Path], None]
-) -> Callable[[], None]:
-    """The measurement in a temporary folder; after so many seconds, or when it fails, its processes are ended."""
-
-    def run() -> None:
-        with tempfile.TemporaryDirectory(prefix='waam_bench_') as name:
-            try:
-                with within(seconds, what):
-                    measure(Path(name))
-            finally:
-                end_all()
-
-    return run
-
-
-RECORD = within_scratch(SECONDS * 1.5 + 180, 'recording on the graph', on_the_graph)
-WRITE = within_scratch(180, 'writing as fast as possible', throughput)
-KILL = within_scratch(120, 'the killed recorder', killed)
 FIGURES = {
-    'record.lost': RECORD,
-    'record.cpu_percent': RECORD,
-    'record.dispatch_p99_ms': RECORD,
-    'record.mb_per_s': WRITE,
-    'record.mb_per_s_bound': WRITE,
-    'record.messages_per_s': WRITE,
-    'record.recovered_gap_s': KILL,
+    **{f'record.{name}': on_the_graph for name in ('lost', 'cpu_percent', 'dispatch_p99_ms')},
+    'record.recovered_gap_s': killed,
 }

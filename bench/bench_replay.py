@@ -18,38 +18,28 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
+from lib.demo import demo
 from lib.emit import emit
 from lib.limit import within
+from lib.preset import preset
 
 JOB_S, LOCKSTEP_S, OFFLINE_S = 600.0, 180.0, 300.0  # the longest wait for each part, wall time
-
-
-def make_job(scratch: Path) -> Path:
-    from waam_bringup.demo import run_demo
-    from waam_node import job_folder
-
-    args = SimpleNamespace(
-        seed=7, machine='gantry', jobs=scratch, layers=2, loop_modes=['closed_loop'], rate=0.0
-    )
-    stdout, sys.stdout = sys.stdout, sys.stderr
-    try:
-        with within(JOB_S, 'the job that is recorded'):
-            run_demo(args)
-    finally:
-        sys.stdout = stdout
-    return next((scratch / job_folder.LATEST).resolve().glob(f'*/{job_folder.record()}')).parent
 
 
 @cache
 def recorded_job() -> Path:
     """The job that BENCH_REPLAY_JOB names, or one that is made now: once for all figures of a run."""
+    from waam_node import job_folder
+
     if given := os.environ.get('BENCH_REPLAY_JOB'):
         return Path(given)
     scratch = tempfile.TemporaryDirectory(prefix='waam_bench_')
     atexit.register(scratch.cleanup)
-    return make_job(Path(scratch.name))
+    jobs = Path(scratch.name)
+    with within(JOB_S, 'the job that is recorded'):
+        demo(jobs, 7, ('closed_loop',), preset(), layers=2)
+    return next((jobs / job_folder.LATEST).resolve().glob(f'*/{job_folder.record()}')).parent
 
 
 def offline() -> None:

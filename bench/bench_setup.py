@@ -1,60 +1,75 @@
-"""Time of `scripts/setup.sh` for a newcomer: a clean clone of what is committed, and no wheel in any cache.
+"""What a newcomer waits for, today and at commit 986bae11 in turn on this machine: clean clones of what is committed,
+and no wheel in any cache.
 
-setup.seconds: the first call; setup.second_call_seconds: the next one, when nothing has changed."""
+setup.seconds: the first call of `scripts/setup.sh` (baseline: that of the commit); setup.ratio: one over the other;
+setup.second_call_seconds: the next call, when nothing has changed;
+loop.speed_ratio: simulated seconds per second of wall time of `make demo`, start-up and reports included, on `gentle`,
+which the commit has as its only cell, over that of the commit (baseline: 1).
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 
+from lib.before import BEFORE, git
 from lib.emit import emit
+from lib.paths import ROOT
 
-PROJECT = Path(__file__).resolve().parents[1]
-VERSION_0_1 = 420.0  # s, on two idle cores
-
-
-def call(clone: Path, environment: dict[str, str]) -> float:
-    """Seconds that one call of scripts/setup.sh takes."""
-    start = time.monotonic()
-    subprocess.run(
-        ['bash', 'scripts/setup.sh'], cwd=clone, env=environment, check=True, capture_output=True
-    )
-    return time.monotonic() - start
+OURS = (
+    'AMENT_', 'CMAKE_', 'COLCON_', 'PYTHON', 'LD_LIBRARY_PATH', 'VIRTUAL_ENV', 'WAAM_', 'UV_', 'ROS_', 'FASTDDS_',
+    'FASTRTPS_',
+)  # fmt: skip
 
 
-def newcomer(caches: Path) -> dict[str, str]:
-    """The environment without what `. ./env.sh` has put there, and with empty caches of wheels."""
-    ours = (
-        'AMENT_',
-        'CMAKE_',
-        'COLCON_',
-        'PYTHON',
-        'LD_LIBRARY_PATH',
-        'VIRTUAL_ENV',
-        'WAAM_',
-        'UV_',
-    )
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
-    path = [p for p in kept['PATH'].split(':') if not Path(p).is_relative_to(PROJECT)]
-    return kept | {
-        'PATH': ':'.join(path),
-        'PIP_CACHE_DIR': str(caches),
-        'UV_CACHE_DIR': str(caches / 'uv'),
-    }
+class Newcomer:
+    """A clone of a commit, in an environment without what `. ./env.sh` has put there and with empty caches."""
+
+    def __init__(self, folder: Path, commit: str) -> None:
+        self.clone = folder / 'clone'
+        git('clone', '-q', str(ROOT), str(self.clone))
+        git('-C', str(self.clone), 'checkout', '-q', git('rev-parse', commit))
+        kept = {k: v for k, v in os.environ.items() if not k.startswith(OURS)}
+        path = [p for p in kept['PATH'].split(':') if not Path(p).is_relative_to(ROOT)]
+        caches = {'PIP_CACHE_DIR': str(folder / 'pip'), 'UV_CACHE_DIR': str(folder / 'uv')}
+        self._environment = kept | {'PATH': ':'.join(path)} | caches
+
+    def seconds(self, command: str) -> float:
+        """That a command takes in the clone."""
+        began = time.monotonic()
+        words = ['bash', '-c', command]
+        subprocess.run(
+            words, cwd=self.clone, env=self._environment, check=True, capture_output=True
+        )
+        return time.monotonic() - began
+
+    def demo_speed(self, options: str) -> float:
+        """Simulated seconds per second of both jobs of the demo."""
+        took = self.seconds(f'. ./env.sh && waam demo --seed 7 --fresh --jobs demo_jobs {options}')
+        report = json.loads((self.clone / 'demo_jobs' / 'latest' / 'report.json').read_text())
+        return (report['open_loop']['duration_s'] + report['closed_loop']['duration_s']) / took
 
 
-def setup() -> None:
-    """Emits both figures; takes minutes, a network and 6 GB of disk."""
-    with tempfile.TemporaryDirectory() as folder:
-        clone = Path(folder, 'clone')
-        subprocess.run(['git', 'clone', '-q', PROJECT, clone], check=True)
-        environment = newcomer(Path(folder, 'caches'))
-        first, second = call(clone, environment), call(clone, environment)
-    emit('setup.seconds', first, 's', 'version 0.1', VERSION_0_1)
+def newcomer() -> None:
+    """Takes half an hour, a network and 12 GB of disk."""
+    setups, speeds = {}, {}
+    for commit, options in (('HEAD', '--preset gentle'), (BEFORE, '')):
+        with tempfile.TemporaryDirectory() as folder:
+            one = Newcomer(Path(folder), commit)
+            setups[commit] = [one.seconds('bash scripts/setup.sh') for _ in range(2)]
+            speeds[commit] = one.demo_speed(options)
+    (first, second), (former, _) = setups['HEAD'], setups[BEFORE]
+    said = f'commit {BEFORE}, same run'
+    emit('setup.seconds', first, 's', said, former)
+    emit('setup.ratio', first / former, '', said, 1.0)
     emit('setup.second_call_seconds', second, 's', 'none', None)
+    emit('loop.speed_ratio', speeds['HEAD'] / speeds[BEFORE], '', said, 1.0)
 
 
-FIGURES = {'setup.seconds': setup, 'setup.second_call_seconds': setup}
+FIGURES = dict.fromkeys(
+    ('setup.seconds', 'setup.ratio', 'setup.second_call_seconds', 'loop.speed_ratio'), newcomer
+)

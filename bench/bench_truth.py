@@ -38,42 +38,22 @@ from lib.emit import emit
 from lib.seeds import seeds
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
-SEEDS = tuple(
-    range(1, 25)
-)  # of walls; arcs take the first eight, cooling (nothing random decides) the first
+# of walls; arcs take the first eight, cooling (nothing random decides) the first
+SEEDS = tuple(range(1, 25))
 PRESETS = ('recorded', 'gentle')
-LAYERS = {'top_rms': 'top_rms', 'section': 'section', 'width': 'width', 'middle': 'middle'}
-
-
-def wall(figures: dict[str, float]) -> dict[str, float]:
-    """By the names of the lines."""
-    made = {
-        name: float(np.mean([figures[f'{key}_{k + 1}'] for k in range(truth_wall.LAYERS)]))
-        for name, key in LAYERS.items()
-    }
-    names = {'growth': 'growth', 'correlation_length': 'correlation', 'scan_noise': 'noise'}
-    names |= {'scan_noise_step': 'noise_step', 'scan_lost': 'lost'}
-    return made | {name: figures[key] for name, key in names.items()}
-
-
-def arc(figures: dict[str, float]) -> dict[str, float]:
-    """By the names of the lines."""
-    return {('arc_correlation' if k == 'correlation' else k): v for k, v in figures.items()}
 
 
 def cooling(shares: np.ndarray) -> dict[str, float]:
-    return {
-        f'cooling_{int(s)}s': float(v) for s, v in zip(truth_cooling.AFTER[1:], shares, strict=True)
-    }
+    pairs = zip(truth_cooling.AFTER[1:], shares, strict=True)
+    return {f'cooling_{int(s)}s': float(v) for s, v in pairs}
 
 
 def over_seeds(name: str, found: list[dict[str, float]]) -> dict[str, float]:
     """Means; they and the scatter go to stderr."""
     mean = {k: float(np.mean([f[k] for f in found])) for k in found[0]}
     for key, value in mean.items():
-        print(
-            f'  {name} {key}: {value:.4g} +- {np.std([f[key] for f in found]):.2g}', file=sys.stderr
-        )
+        scatter = np.std([f[key] for f in found])
+        print(f'  {name} {key}: {value:.4g} +- {scatter:.2g}', file=sys.stderr)
     return mean
 
 
@@ -86,8 +66,8 @@ def measured() -> tuple[dict[str, float], dict[str, dict[str, float]]]:
     times, rows = truth_arc.recorded(DATA / 'arc_logs' / 'plate25_weld_params.csv')
     files = sorted((DATA / 'interlayer_temperature').glob('*.csv'))
     real = (
-        wall(truth_wall.figures(scans))
-        | arc(truth_arc.figures(times, rows))
+        truth_wall.figures(scans)
+        | truth_arc.figures(times, rows)
         | cooling(truth_cooling.recorded(files))
     )
     over_seeds('recorded metal', [real])
@@ -95,11 +75,10 @@ def measured() -> tuple[dict[str, float], dict[str, dict[str, float]]]:
     wanted, made = seeds(SEEDS), {}
     for preset in PRESETS:
         physics = plant_params(params.make(preset=preset).cell)
-        walls = [wall(truth_wall.figures(truth_wall.simulated(physics, passes, s))) for s in wanted]
+        walls = [truth_wall.figures(truth_wall.simulated(physics, passes, s)) for s in wanted]
         arcs = [truth_arc.simulated(physics, times, wire, voltage, s) for s in wanted[:8]]
-        told = over_seeds(preset, walls) | over_seeds(
-            preset, [arc(truth_arc.figures(times, a)) for a in arcs]
-        )
+        arcs = [truth_arc.figures(times, a) for a in arcs]
+        told = over_seeds(preset, walls) | over_seeds(preset, arcs)
         made[preset] = told | cooling(truth_cooling.simulated(physics, wanted[0]))
     return real, made
 
@@ -115,29 +94,18 @@ def truth() -> None:
         print(f'{DATA}: no recordings here, nothing to compare with', file=sys.stderr)
         return
     real, made = measured()
-    worst = dict.fromkeys(PRESETS, 0.0)
     ratios = {p: {k: ratio(made[p][k], real[k]) for k in real} for p in PRESETS}
     for found in ratios.values():
         names = [k for k in found if k.startswith('cooling_')]
         found['cooling'] = max(found.pop(k) for k in names)
-    for key in ratios['recorded']:
-        emit(
-            f'truth.{key}',
-            ratios['recorded'][key],
-            '',
-            'preset gentle',
-            round(ratios['gentle'][key], 4),
-        )
-    for p in PRESETS:
-        worst[p] = max(ratios[p].values())
-    emit('truth.worst_ratio', worst['recorded'], '', 'preset gentle', round(worst['gentle'], 4))
+    for found in ratios.values():
+        found['worst_ratio'] = max(found.values())
+    for key, value in ratios['recorded'].items():
+        emit(f'truth.{key}', value, '', 'preset gentle', round(ratios['gentle'][key], 4))
 
 
-FIGURES = dict.fromkeys(
-    (
-        'truth.top_rms', 'truth.section', 'truth.width', 'truth.middle', 'truth.growth', 'truth.correlation_length',
-        'truth.scan_noise', 'truth.scan_noise_step', 'truth.scan_lost', 'truth.current', 'truth.current_1s',
-        'truth.voltage', 'truth.voltage_1s', 'truth.arc_correlation', 'truth.cooling', 'truth.worst_ratio',
-    ),
-    truth,
+NAMES = (
+    'top_rms', 'section', 'width', 'middle', 'growth', 'correlation_length', 'scan_noise', 'scan_noise_step',
+    'scan_lost', 'current', 'current_1s', 'voltage', 'voltage_1s', 'arc_correlation', 'cooling', 'worst_ratio',
 )  # fmt: skip
+FIGURES = {f'truth.{name}': truth for name in NAMES}

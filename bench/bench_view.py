@@ -3,7 +3,7 @@
 Loop latency: from a lease tick (10 per second) to the answer of each node that the arc lease needs, on the steady clock
 of one observer; it contains the scheduling of every node of the loop, and decides whether the arc stays on. The nodes
 of the loop ask for real-time priority, as on a real cell; so does the observer, for its own delay is not part of the
-loop. The runs alternate (off, on, off, on); the first layer of the demo's part is scanned, planned and laid meanwhile.
+loop. The runs alternate (off, on, off, on); a small part is scanned, planned and laid meanwhile.
 "On": the recorder writes, the dashboard serves and keeps its file, the panel has an open page that takes every frame
 and map. "Off": this process answers for the recorder, for a job does not start without one.
 
@@ -24,12 +24,11 @@ import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
+from lib.campaign_graph import DONE, Graph, Job, until
 from lib.emit import emit
 from lib.limit import within
-from lib.preset import preset
 
 from waam_node import priority
 
@@ -37,12 +36,7 @@ WATCHERS = ('recorder', 'dashboard', 'panel')
 SECONDS = float(os.environ.get('WAAM_VIEW_BENCH_S', '40'))
 RUNS = int(os.environ.get('WAAM_VIEW_BENCH_RUNS', '2'))
 START_S = 240.0  # a graph's start, a job's way to its first scan, and the graph's end: at most
-GOAL = {
-    'name': 'view', 'mode': 'restore', 'material': 'er70s-6', 'loop_mode': 'closed_loop', 'layers': 1,
-    'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2, 'scale': 1e-3,
-    'note': ['wire_lot=simulated', 'gas=simulated'], 'operator': 'bench',
-    'strategy': '', 'allowance': 0.0, 'passes': 1, 'wire_left': 0.0,
-}  # fmt: skip
+SCANNING = 4  # JobStatus
 PAGE = """
 import asyncio, sys, aiohttp
 async def main(url):
@@ -120,80 +114,47 @@ class Observer:
         rclpy.shutdown(context=self.context)
 
 
-def measure(folder: Path, watched: bool, domain: int) -> np.ndarray:
-    """Delays (s) of all nodes that both kinds of run have, during a job."""
-    from waam_bringup.graph import Settings
-    from waam_bringup.operate import free_port, graph
+def measure(folder: Path, watched: bool) -> np.ndarray:
+    """Delays (s) of all nodes that both kinds of run have, in SECONDS of jobs."""
+    from waam_bringup import run_state
 
-    without = () if watched else WATCHERS
-    settings = Settings(
-        run=folder / 'run', seed=7, rate=1.0, without=without, preset=preset(),
-        grpc_port=free_port() if watched else 0, web_port=free_port() if watched else 0,
-    )  # fmt: skip
-    with graph(settings, domain, 90.0) as (state, client):
+    graph = Graph(folder, 1.0, () if watched else WATCHERS)
+    try:
+        domain = graph.live().domain
         with urgent():
             observer = Observer(domain, recorder=not watched)
-        page = None
-        if watched:
-            page = subprocess.Popen([sys.executable, '-c', PAGE, state.panel_url])
+        words = [sys.executable, '-c', PAGE, run_state.load(graph.run).panel_url]
+        page = subprocess.Popen(words) if watched else None
         try:
-            _keep_running(client, folder / 'jobs', observer)
+            end = None
+            while end is None or time.monotonic() < end:
+                job = Job(graph)
+                if not until(lambda job=job: job.status and job.status.state >= SCANNING, 120.0):
+                    raise RuntimeError(f'the job does not scan: {job.error or job.told()[1]}')
+                if end is None:
+                    observer.delays.clear()
+                    end = time.monotonic() + SECONDS
+                if job.wait(max(0.0, end - time.monotonic())) and job.told()[0] != DONE:
+                    raise RuntimeError(f'the job failed: {job.error or job.told()[1]}')
             delays = {n: d for n, d in observer.delays.items() if n not in WATCHERS}
         finally:
             if page is not None:
                 page.kill()
                 page.wait()
             observer.close()
+    finally:
+        graph.down()
     return np.concatenate([np.array(d) for d in delays.values()])
-
-
-def _keep_running(client, jobs: Path, observer: Observer) -> None:
-    """SECONDS of a job from its first scan on; one that ends before is followed by another one."""
-    end = None
-    while end is None or time.monotonic() < end:
-        _start_job(client, jobs)
-        if end is None:
-            observer.delays.clear()
-            end = time.monotonic() + SECONDS
-        if client.until(lambda: client.job.state >= client.job.DONE, end - time.monotonic()):
-            if client.job.error_code:
-                raise RuntimeError(f'the job failed: {client.job.message}')
-            print('# the job ended, another one', file=sys.stderr, flush=True)
-
-
-def _start_job(client, jobs: Path) -> None:
-    """Starts a layer of the demo's job; returns when it scans."""
-    from rclpy.action import ActionClient
-
-    from waam_bringup.jobs import make_goal
-    from waam_bringup.paths import share
-    from waam_msgs.action import RunJob
-
-    parts = share('waam_bringup') / 'parts'
-    client.load_part(str(parts / 'jaw_worn.stl'), (0.0, 0.0, 0.0), 7)
-    goal = make_goal(SimpleNamespace(part=parts / 'jaw_nominal.stl', **GOAL), jobs)
-    action = ActionClient(client.node, RunJob, 'job_sequencer/run_job')
-    assert client.until(action.server_is_ready, 20.0), 'job_sequencer is not there'
-    client.until(lambda: False, 0.5)
-    sent = action.send_goal_async(goal)
-    assert client.until(sent.done, 20.0) and sent.result().accepted, 'the goal was not taken'
-    begun = client.until(lambda: client.job and _under_way(client.job), 120.0)
-    assert begun, f'the job does not scan: {client.job and client.job.message}'
-
-
-def _under_way(job) -> bool:
-    return job.SCANNING <= job.state < job.DONE
 
 
 def watching() -> None:
     """Alternating runs, pooled by kind."""
-    domain = int(os.environ.get('ROS_DOMAIN_ID', '98'))
     pooled: dict[bool, list[np.ndarray]] = {False: [], True: []}
     for number in range(RUNS):
         for watched in (False, True):
             with tempfile.TemporaryDirectory(prefix='waam_view_bench_') as scratch:
                 with within(START_S + SECONDS, 'a run of the watched loop'):
-                    pooled[watched].append(measure(Path(scratch), watched, domain))
+                    pooled[watched].append(measure(Path(scratch), watched))
                 shown = np.percentile(pooled[watched][-1] * 1e3, [50, 99])
                 kind = 'on' if watched else 'off'
                 print(f'# run {number + 1} {kind}: p50 {shown[0]:.2f} ms, p99 {shown[1]:.2f} ms',

@@ -17,8 +17,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
@@ -26,60 +25,28 @@ HERE = Path(__file__).resolve().parent
 Measurement = Callable[[], None]
 
 
-@dataclass
-class Benchmarks:
-    """figures, tables: name -> function, in the order of the modules."""
-
-    figures: dict[str, Measurement] = field(default_factory=dict)
-    tables: dict[str, Measurement] = field(default_factory=dict)
-
-    def add(
-        self, figures: Mapping[str, Measurement], tables: Mapping[str, Measurement] | None = None
-    ) -> None:
-        """ValueError for a name that is taken."""
-        for known, new in ((self.figures, figures), (self.tables, tables or {})):
-            for name, measure in new.items():
-                if name in self.figures or name in self.tables:
-                    raise ValueError(f'two benchmarks are called {name}')
-                known[name] = measure
-
-    def names(self) -> list[str]:
-        return [*self.figures, *self.tables]
-
-    def select(self, asked: str = '') -> list[Measurement]:
-        """The functions behind a figure, a group or, with an empty text, all figures: each once.
-
-        KeyError when there is none.
-        """
-        if asked in self.tables:
-            return [self.tables[asked]]
-        some = [m for name, m in self.figures.items() if _matches(name, asked)]
-        if not some:
-            known = '\n  '.join(self.names())
-            raise KeyError(f"no benchmark is called '{asked}'; known are\n  {known}")
-        return list(dict.fromkeys(some))
-
-
 def _matches(name: str, asked: str) -> bool:
     return not asked or name == asked or name.startswith(asked + '.')
 
 
-def load(folder: Path = HERE) -> Benchmarks:
-    """What the modules bench_*.py of a folder declare."""
+def load(folder: Path = HERE) -> tuple[dict[str, Measurement], dict[str, Measurement]]:
+    """Figures and tables that the modules bench_*.py of a folder declare. ValueError for a name that is taken."""
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))  # for `lib`
-    found = Benchmarks()
+    figures: dict[str, Measurement] = {}
+    tables: dict[str, Measurement] = {}
     for file in sorted(folder.glob('bench_*.py')):
         spec = importlib.util.spec_from_file_location(file.stem, file)
         assert spec and spec.loader
         module = importlib.util.module_from_spec(spec)
         sys.modules[file.stem] = module
         spec.loader.exec_module(module)
-        try:
-            found.add(module.FIGURES, getattr(module, 'TABLES', None))
-        except ValueError as e:
-            raise ValueError(f'{file.name}: {e}') from None
-    return found
+        for known, new in ((figures, module.FIGURES), (tables, getattr(module, 'TABLES', {}))):
+            for name in new:
+                if name in figures or name in tables:
+                    raise ValueError(f'{file.name}: two benchmarks are called {name}')
+            known |= new
+    return figures, tables
 
 
 def measure(measurements: Iterable[Measurement]) -> int:
@@ -107,16 +74,18 @@ def main(arguments: list[str], folder: Path = HERE) -> int:
         print('usage: python bench/run.py [NAME | --list]', file=sys.stderr)
         return 2
     asked = arguments[0] if arguments else ''
-    benchmarks = load(folder)
+    figures, tables = load(folder)
+    known = '\n'.join([*figures, *tables])
     if asked in ('help', '--list', '--help', '-h'):
-        print('\n'.join(benchmarks.names()))
+        print(known)
         return 0
-    try:
-        some = benchmarks.select(asked)
-    except KeyError as e:
-        print(e.args[0], file=sys.stderr)
+    some = [m for name, m in figures.items() if _matches(name, asked)]
+    if asked in tables:
+        some = [tables[asked]]
+    if not some:
+        print(f"no benchmark is called '{asked}'; known are\n{known}", file=sys.stderr)
         return 2
-    return 1 if measure(some) else 0
+    return 1 if measure(dict.fromkeys(some)) else 0
 
 
 if __name__ == '__main__':

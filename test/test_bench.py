@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.util
 import json
 import os
@@ -110,6 +112,17 @@ def test_the_benchmarks_of_this_repository_say_what_they_print(run):
         module = sys.modules[file.stem]
         for name in (*module.FIGURES, *getattr(module, 'TABLES', ())):
             assert name in module.__doc__, f'{file.name} does not describe {name}'
+
+
+@pytest.mark.parametrize('file', sorted(BENCH.rglob('*.py')), ids=lambda f: f.name)
+def test_what_a_benchmark_imports_when_it_runs_is_there(file):
+    """Most of it is imported in functions, so that the list of figures comes at once: nothing else would notice."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('waam_'):
+            module = importlib.import_module(node.module)
+            for name in (alias.name for alias in node.names):
+                there = hasattr(module, name) or importlib.util.find_spec(f'{node.module}.{name}')
+                assert there, f'{node.module} has no {name}'
 
 
 def test_a_link_benchmark_that_fails_leaves_no_controller_behind(run):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "bench"), str(ROOT / "waam_ws/src/waam_calibrate/test")]
+sys.path[:0] = [str(ROOT / "test"), str(ROOT / "waam_ws/src/waam_calibrate/test")]
 
 
 @pytest.fixture(scope='module')
 def driven() -> dict:
-    from lib.joined import drive
+    from joined import drive
     from shaken import POINT, Shaker
 
     from waam_sim.gantry import GantryParams
@@ -37,7 +37,7 @@ def test_the_ends_that_were_given_are_met_at_the_steps(driven):
 
 
 def test_neither_acceleration_nor_jerk_jumps_at_the_steps(driven):
-    from lib.joined import TIMES, laws
+    from joined import TIMES, laws
 
     t = np.linspace(0, 1, 1000)
     pairs = list(zip(laws(), TIMES, strict=True))

@@ -4,98 +4,24 @@ beads told."""
 from __future__ import annotations
 
 import math
-import os
-import subprocess
 import time
-from pathlib import Path
 
 import numpy as np
 
+from .node import NodeUnderTest, memory_mb
+
 SIZE = 256
 PREPARATION_S = 0.5  # of wall time, as while the layer before is laid; a job has minutes
+WARM = 3  # calls that warm caches
 
 
-class Server:
-    """A correction_server with one law on a domain of its own, and a client."""
-
-    def __init__(self, law: str) -> None:
-        import rclpy
-        from ament_index_python.packages import get_package_prefix
-        from rclpy.executors import SingleThreadedExecutor
-
-        from waam_msgs.msg import NextLayer
-        from waam_msgs.srv import ComputeCorrection
-        from waam_node import qos
-        from waam_node.testing import fresh_domain
-
-        domain = fresh_domain()
-        program = (
-            Path(get_package_prefix('waam_adapt')) / 'lib' / 'waam_adapt' / 'correction_server'
-        )
-        self.process = subprocess.Popen(
-            [str(program), '--ros-args', '-p', f'law:={law}', '-p', 'max_age:=1e9'],
-            env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node('bench_adapt', context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.client = self.node.create_client(ComputeCorrection, 'correction_server/compute')
-        self.next_layer = self.node.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
-        if not self.client.wait_for_service(timeout_sec=60):
-            self.close()
-            raise RuntimeError('correction_server does not answer')
-        time.sleep(1.0)  # a server that has not yet found a new client loses its first answer
-
-    def call(self, request, timeout: float = 30.0):
-        """The answer, or None."""
-        future = self.client.call_async(request)
-        end = time.monotonic() + timeout
-        while not future.done() and time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
-        return future.result() if future.done() else None
-
-    def announce(self, r) -> None:
-        """Tells the layer of a request and gives the time to prepare it."""
-        from waam_msgs.msg import NextLayer
-
-        self.next_layer.publish(
-            NextLayer(
-                job_id=r.job_id, layer=r.layer, grid=r.map.grid, planned_height=r.planned_height,
-                bead_width=r.bead_width, direction=r.direction, paths=r.paths,
-            )
-        )  # fmt: skip
-        time.sleep(PREPARATION_S)
-
-    def memory_mb(self) -> float:
-        """Largest resident memory of the server so far."""
-        for line in Path(f'/proc/{self.process.pid}/status').read_text().splitlines():
-            if line.startswith('VmHWM'):
-                return float(line.split()[1]) / 1024
-        return math.nan
-
-    def close(self) -> None:
-        self.process.terminate()
-        try:
-            self.process.wait(10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-        if hasattr(self, 'executor'):
-            self.executor.shutdown()
-            self.node.destroy_node()
-            self.context.try_shutdown()
-
-
-def request(node, number: int, size: int = SIZE):
+def request(node, number: int):
     """A pad of 28 x 28 beads' widths with an uneven surface, another one for every number, and its beads."""
     from waam_msgs.srv import ComputeCorrection
     from waam_node.conversions import floats, grid_to_msg, paths_to_msg
     from waam_process.grid import GridSpec
 
-    spec = GridSpec(0.0, 0.0, 0.7e-3, size, size)
+    spec = GridSpec(0.0, 0.0, 0.7e-3, SIZE, SIZE)
     rng = np.random.default_rng(number)
     x, y = np.meshgrid(spec.x, spec.y)
     wave = 0.3e-3 * np.sin(x / 17e-3 + rng.uniform(0, 6)) * np.cos(y / 13e-3 + rng.uniform(0, 6))
@@ -131,25 +57,31 @@ def zigzag(spec, turn: int) -> list[list[tuple[float, float]]]:
 def measure(law: str, calls: int, announced: bool = True) -> dict[str, float]:
     """p50, p99 and largest round trip in ms as the client sees it, the server's own p99, its memory, fallbacks.
     announced: every layer is told before it is asked for, as a job does."""
-    server = Server(law)
-    try:
-        while server.call(request(server.node, 0), 5.0) is None:
-            pass
+    from waam_msgs.msg import NextLayer
+    from waam_msgs.srv import ComputeCorrection
+    from waam_node import qos
+
+    module = 'waam_adapt.correction_server_node'
+    with NodeUnderTest(module, f'law:={law}', 'max_age:=1e9') as server:
+        service = server.client.create_client(ComputeCorrection, 'correction_server/compute')
+        next_layer = server.client.create_publisher(NextLayer, 'next_layer', qos.LATCHED)
+        server.call(service, request(server.client, 0), 5.0)
         trips, inside, fallbacks = [], [], 0
-        for n in range(calls + 3):
-            r = request(server.node, n)
+        for n in range(calls + WARM):
+            r = request(server.client, n)
             if announced:
-                server.announce(r)
+                shared = ('job_id', 'layer', 'planned_height', 'bead_width', 'direction', 'paths')
+                told = {name: getattr(r, name) for name in shared}
+                next_layer.publish(NextLayer(grid=r.map.grid, **told))
+                time.sleep(PREPARATION_S)
             begin = time.perf_counter()
-            answer = server.call(r)
-            if n >= 3:  # the first ones warm caches
-                trips.append((time.perf_counter() - begin) * 1e3)
-                inside.append(answer.correction.latency * 1e3)
-                fallbacks += answer.correction.fallback
+            answer = server.call(service, r)
+            trips.append((time.perf_counter() - begin) * 1e3)
+            inside.append(answer.correction.latency * 1e3)
+            fallbacks += answer.correction.fallback
+        trips, inside = trips[WARM:], inside[WARM:]
         return {
             'p50': float(np.quantile(trips, 0.5)), 'p99': float(np.quantile(trips, 0.99)),
             'max': max(trips), 'server_p99': float(np.quantile(inside, 0.99)),
-            'memory_mb': server.memory_mb(), 'fallbacks': fallbacks,
+            'memory_mb': memory_mb(server.process.pid), 'fallbacks': fallbacks,
         }  # fmt: skip
-    finally:
-        server.close()

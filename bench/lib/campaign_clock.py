@@ -42,7 +42,6 @@ int clock_gettime(clockid_t id, struct timespec *t) {
 }
 int gettimeofday(struct timeval *restrict tv, void *restrict zone) {
     struct timespec t;
-    (void)zone;
     clock_gettime(CLOCK_REALTIME, &t);
     tv->tv_sec = t.tv_sec, tv->tv_usec = t.tv_nsec / 1000;
     return 0;
@@ -64,16 +63,7 @@ class Clock:
         self._file, library = folder / 'offset', folder / 'clock.so'
         self._file.write_bytes(struct.pack('d', 0.0))
         (folder / 'clock.c').write_text(_SHIM)
-        build = [
-            'cc',
-            '-shared',
-            '-fPIC',
-            '-O1',
-            '-o',
-            str(library),
-            str(folder / 'clock.c'),
-            '-ldl',
-        ]
+        build = ['cc', '-shared', '-fPIC', '-O1', '-o', library, folder / 'clock.c', '-ldl']
         subprocess.run(build, check=True)
         self.environment = {'LD_PRELOAD': str(library), 'WAAM_BENCH_CLOCK': str(self._file)}
 

@@ -13,15 +13,17 @@ import os
 import random
 import signal
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from .job_part import SEED, goal, write_part
 from .live_graph import LiveGraph
+from .node import memory_mb
 from .preset import preset
 
 LEASE_MS = 500.0
@@ -40,7 +42,7 @@ class Graph:
 
     def __init__(self, scratch: Path, rate: float = RATE, without: tuple[str, ...] = ()) -> None:
         self.scratch, self.run = scratch, scratch / 'run'
-        self.rate, self.without = rate, without
+        self.options = {'rate': rate, 'without': without, 'preset': preset()}
         self.part, self.worn = write_part(scratch / 'part')
         self._live: LiveGraph | None = None
 
@@ -52,13 +54,7 @@ class Graph:
             from waam_bringup.graph import Settings
             from waam_node.testing import fresh_domain
 
-            settings = Settings(
-                run=self.run,
-                seed=SEED,
-                rate=self.rate,
-                without=self.without,
-                preset=preset(),
-            )
+            settings = Settings(run=self.run, seed=SEED, **self.options)
             self._live = LiveGraph(settings, fresh_domain(), UP_S)
             self._live.start()
             with GraphClient(self._live.domain) as client:
@@ -107,10 +103,10 @@ class Graph:
 
 
 class Job:
-    """A job in a thread of its own. `ended`: state in its status.json; `message`: what it says there."""
+    """A job in a thread of its own, of the part of the graph or, with `resume`, of a folder that was left behind."""
 
-    def __init__(self, graph: Graph, **fields) -> None:
-        self.graph, self.fields = graph, fields
+    def __init__(self, graph: Graph, resume: Path | None = None, **fields) -> None:
+        self.graph, self.resume, self.fields = graph, resume, fields
         self.result: Any = None
         self.error = ''
         self.status: Any = None
@@ -120,12 +116,16 @@ class Job:
     def _go(self) -> None:
         from waam_bringup.client import ClientError, GraphClient
         from waam_bringup.operate import graph_watch
+        from waam_msgs.action import RunJob
 
         graph = self.graph
         try:
             with GraphClient(graph.live().domain) as client:
-                client.load_part(str(graph.worn), (0.0, 0.0, 0.0), SEED)
-                asked = goal(graph.part, graph.scratch / 'jobs', **self.fields)
+                if self.resume:
+                    asked = RunJob.Goal(resume_dir=str(self.resume))
+                else:
+                    client.load_part(str(graph.worn), (0.0, 0.0, 0.0), SEED)
+                    asked = goal(graph.part, graph.scratch / 'jobs', **self.fields)
                 self.result = client.run_job(asked, self._on_status, graph_watch(graph.run))
         except ClientError as e:
             self.error = str(e)
@@ -166,34 +166,45 @@ def until(condition: Callable[[], Any], seconds: float) -> bool:
 
 
 class Trials:
-    """`file` has the lines so far. A trial that breaks down keeps its error in its line."""
+    """`file` has the lines so far; what is in it is not done again. A trial that breaks down keeps its error there."""
 
     def __init__(self, scratch: Path, file: Path) -> None:
         self.file, self.graph = file, Graph(scratch)
 
-    def lines(self) -> list[dict]:
-        """All of them."""
+    def lines(self, *beginnings: str) -> list[dict]:
+        """Those whose `what` begins so."""
         text = self.file.read_text() if self.file.exists() else ''
-        return [json.loads(line) for line in text.splitlines()]
+        return [d for d in map(json.loads, text.splitlines()) if d['what'].startswith(beginnings)]
 
     def run(self, what: str, number: int, trial: Callable[[Graph, random.Random], dict]) -> dict:
         """One trial, whose line is appended whatever its end is."""
+        for line in self.lines(what):
+            if line['what'] == what and line['number'] == number:
+                return line
         begun = time.monotonic()
         try:
             facts = trial(self.graph, random.Random(f'{what}:{number}'))
         except Exception as e:
             facts = {'right': False, 'error': f'{type(e).__name__}: {e}'}
             self.graph.down()
-        line = {
-            'what': what,
-            'number': number,
-            **facts,
-            'wall_s': round(time.monotonic() - begun, 1),
-        }
+        took = round(time.monotonic() - begun, 1)
+        line = {'what': what, 'number': number, **facts, 'wall_s': took}
         with open(self.file, 'a') as f:
             f.write(json.dumps(line) + '\n')
         print(line, file=sys.stderr, flush=True)
         return line
+
+
+@contextmanager
+def trials() -> Iterator[Trials]:
+    """In a folder of their own, kept in the file of WAAM_BENCH_CAMPAIGN if there is one."""
+    with tempfile.TemporaryDirectory(prefix='waam_bench_') as folder:
+        file = os.environ.get('WAAM_BENCH_CAMPAIGN', str(Path(folder) / 'campaign.jsonl'))
+        made = Trials(Path(folder), Path(file).resolve())
+        try:
+            yield made
+        finally:
+            made.graph.down()
 
 
 def stroke(node: str, way: str) -> Callable[[Graph, random.Random], dict]:
@@ -287,7 +298,9 @@ def twenty_jobs(graph: Graph, jobs: int = 20) -> dict:
 def _size(pid: int) -> tuple[float, int, int]:
     """Resident MB, descriptors and threads of a process."""
     with suppress(OSError):
-        pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-        mb = pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-        return mb, len(os.listdir(f'/proc/{pid}/fd')), len(os.listdir(f'/proc/{pid}/task'))
+        return (
+            memory_mb(pid),
+            len(os.listdir(f'/proc/{pid}/fd')),
+            len(os.listdir(f'/proc/{pid}/task')),
+        )
     return 0.0, 0, 0

@@ -13,9 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import PointCloud2, Temperature
 from std_srvs.srv import Trigger
 
 from waam_bringup.client import GraphClient
+from waam_msgs import msg as m
 
 from .campaign_graph import DONE, FAILED, JOB_S, LEASE_MS, Graph, Job, until
 
@@ -25,100 +28,58 @@ PARTICIPANTS = 50
 UNDISTURBED_MM = 0.16  # RMS that the job of the trials never has without a stranger
 
 
-def _messages() -> dict[str, tuple[Any, str, str, Callable[[Any, random.Random], Any]]]:
-    """What it says: name -> (type, topic, name of the quality of service, how a message is made of the last true one,
-    None = none was heard)."""
-    from geometry_msgs.msg import PointStamped
-    from sensor_msgs.msg import PointCloud2, Temperature
-
-    from waam_msgs import msg as m
-
-    def changed(kind: Any, **values: Any) -> Callable[[Any, random.Random], Any]:
-        def make(last: Any, _: random.Random) -> Any:
-            message = last if last is not None else kind()
-            for name, value in values.items():
-                setattr(message, name, value)
-            return message
-
-        return make
-
-    def moved(last: Any, rng: random.Random) -> Any:
-        message = last if last is not None else m.Telemetry()
-        message.position.x += rng.uniform(-0.05, 0.05)
-        message.sequence += 1000
-        return message
-
-    def junk(last: Any, rng: random.Random) -> Any:
-        cloud = PointCloud2(height=1, width=100, point_step=12, row_step=1200)
-        cloud.data = rng.randbytes(1200)
-        return cloud
-
-    def fancied(last: Any, _: random.Random) -> Any:
-        message = last if last is not None else m.SegmentDone()
-        message.index += 10_000
-        return message
-
-    def soon(last: Any, _: random.Random) -> Any:
-        message = last if last is not None else m.LeaseTick()
-        message.controller_us += 3_600_000_000
-        return message
-
-    def upward(last: Any, _: random.Random) -> Any:
-        message = last if last is not None else m.HeightMap()
-        message.z = [v + 0.005 for v in message.z]
-        return message
-
-    return {
-        'telemetry of another place': (m.Telemetry, 'telemetry', 'TELEMETRY', moved),
-        'segments done that are not': (m.SegmentDone, 'segment_done', 'EVENTS', fancied),
-        'ticks of an hour ahead': (m.LeaseTick, 'lease_tick', 'BEAT', soon),
-        'machine state of an alarm': (
-            m.MachineState, 'machine_state', 'LATCHED', changed(m.MachineState, state=3, fault=300),
-        ),
-        'machine state disconnected': (
-            m.MachineState, 'machine_state', 'LATCHED', changed(m.MachineState, connected=False),
-        ),
-        'override of an operator': (
-            m.Override, 'override', 'NEWEST', changed(m.Override, speed_factor=0.5, wire_factor=1.2, source='stranger'),
-        ),
-        'override of NaN and 1000': (
-            m.Override, 'override', 'NEWEST', changed(m.Override, speed_factor=1000.0, wire_factor=math.nan),
-        ),
-        'factors of a process control': (
-            m.Override, 'process_override', 'NEWEST', changed(m.Override, speed_factor=0.5, wire_factor=0.5),
-        ),
-        'height maps 5 mm higher': (m.HeightMap, 'height_map', 'LATCHED', upward),
-        'heat factor of 0.3': (m.HeatFactor, 'heat_factor', 'LATCHED', changed(m.HeatFactor, factor=0.3)),
-        'heat factor of NaN': (m.HeatFactor, 'heat_factor', 'LATCHED', changed(m.HeatFactor, factor=math.nan)),
-        'temperature of 3000 degrees': (
-            Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=3000.0),
-        ),
-        'temperature of NaN': (Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=math.nan)),
-        'temperature of -40 degrees': (Temperature, 'temperature', 'BEAT', changed(Temperature, temperature=-40.0)),
-        'clouds of junk': (PointCloud2, 'points', 'SENSOR', junk),
-        'profiles without points': (m.ProfileBatch, 'profiles', 'PROFILES', changed(m.ProfileBatch)),
-        'aim of a pyrometer 1 km away': (PointStamped, 'pyrometer_aim', 'LATCHED', _far),
-        'job status failed': (m.JobStatus, 'job_status', 'LATCHED', changed(m.JobStatus, state=10)),
-        'job status of another job': (
-            m.JobStatus, 'job_status', 'LATCHED', changed(m.JobStatus, job_id='stranger', material='unknown'),
-        ),
-        'next layer without cells': (m.NextLayer, 'next_layer', 'LATCHED', changed(m.NextLayer)),
-        'layer plan without segments': (m.LayerPlan, 'layer_plan', 'LATCHED', changed(m.LayerPlan)),
-        'layer reports of NaN': (m.LayerReport, 'layer_report', 'EVENTS', changed(m.LayerReport)),
-    }  # fmt: skip
+def _moved(message: Any, rng: random.Random) -> None:
+    message.position.x += rng.uniform(-0.05, 0.05)
+    message.sequence += 1000
 
 
-def _far(last: Any, _: random.Random) -> Any:
-    from geometry_msgs.msg import PointStamped
+def _junk(message: Any, rng: random.Random) -> None:
+    message.height, message.width, message.point_step, message.row_step = 1, 100, 12, 1200
+    message.data = rng.randbytes(1200)
 
-    message = PointStamped()
+
+def _later(field: str, by: int) -> Callable[[Any, random.Random], None]:
+    return lambda message, _: setattr(message, field, getattr(message, field) + by)
+
+
+def _higher(message: Any, _: random.Random) -> None:
+    message.z = [v + 0.005 for v in message.z]
+
+
+def _far(message: Any, _: random.Random) -> None:
     message.point.x = 1000.0
-    return message
 
 
-def names() -> list[str]:
-    """All that a stranger can say."""
-    return list(_messages())
+# name -> type, topic, name of the quality of service, and what is changed in the last true message (or an empty one):
+# fields, or a function of the message
+SAYS: dict[str, tuple[Any, str, str, Any]] = {
+    'telemetry of another place': (m.Telemetry, 'telemetry', 'TELEMETRY', _moved),
+    'segments done that are not': (m.SegmentDone, 'segment_done', 'EVENTS', _later('index', 10_000)),
+    'ticks of an hour ahead': (m.LeaseTick, 'lease_tick', 'BEAT', _later('controller_us', 3_600_000_000)),
+    'machine state of an alarm': (m.MachineState, 'machine_state', 'LATCHED', {'state': 3, 'fault': 300}),
+    'machine state disconnected': (m.MachineState, 'machine_state', 'LATCHED', {'connected': False}),
+    'override of an operator': (
+        m.Override, 'override', 'NEWEST', {'speed_factor': 0.5, 'wire_factor': 1.2, 'source': 'stranger'},
+    ),
+    'override of NaN and 1000': (m.Override, 'override', 'NEWEST', {'speed_factor': 1000.0, 'wire_factor': math.nan}),
+    'factors of a process control': (
+        m.Override, 'process_override', 'NEWEST', {'speed_factor': 0.5, 'wire_factor': 0.5},
+    ),
+    'height maps 5 mm higher': (m.HeightMap, 'height_map', 'LATCHED', _higher),
+    'heat factor of 0.3': (m.HeatFactor, 'heat_factor', 'LATCHED', {'factor': 0.3}),
+    'heat factor of NaN': (m.HeatFactor, 'heat_factor', 'LATCHED', {'factor': math.nan}),
+    'temperature of 3000 degrees': (Temperature, 'temperature', 'BEAT', {'temperature': 3000.0}),
+    'temperature of NaN': (Temperature, 'temperature', 'BEAT', {'temperature': math.nan}),
+    'temperature of -40 degrees': (Temperature, 'temperature', 'BEAT', {'temperature': -40.0}),
+    'clouds of junk': (PointCloud2, 'points', 'SENSOR', _junk),
+    'profiles without points': (m.ProfileBatch, 'profiles', 'PROFILES', {}),
+    'aim of a pyrometer 1 km away': (PointStamped, 'pyrometer_aim', 'LATCHED', _far),
+    'job status failed': (m.JobStatus, 'job_status', 'LATCHED', {'state': 10}),
+    'job status of another job': (m.JobStatus, 'job_status', 'LATCHED', {'job_id': 'stranger', 'material': 'unknown'}),
+    'next layer without cells': (m.NextLayer, 'next_layer', 'LATCHED', {}),
+    'layer plan without segments': (m.LayerPlan, 'layer_plan', 'LATCHED', {}),
+    'layer reports of NaN': (m.LayerReport, 'layer_report', 'EVENTS', {}),
+}  # fmt: skip
 
 
 class Stranger:
@@ -177,17 +138,20 @@ def speak() -> None:
 def _says(node: Any, name: str, seed: int) -> Callable[[], None]:
     from waam_node import qos
 
-    kind, topic, quality, make = _messages()[name]
-    heard: list[Any] = []
-    profile = getattr(qos, quality)
+    kind, topic, quality, change = SAYS[name]
+    heard, profile, rng, due = [kind()], getattr(qos, quality), random.Random(seed), [0.0]
     node.create_subscription(kind, topic, heard.append, profile)
     publisher = node.create_publisher(kind, topic, profile)
-    rng, due = random.Random(seed), [0.0]
 
     def turn() -> None:
         if time.monotonic() >= due[0]:
-            due[0] = time.monotonic() + PERIOD
-            publisher.publish(make(heard[-1] if heard else None, rng))
+            due[0], message = time.monotonic() + PERIOD, heard[-1]
+            if callable(change):
+                change(message, rng)
+            else:
+                for field, value in change.items():
+                    setattr(message, field, value)
+            publisher.publish(message)
         del heard[:-1]
 
     return turn
@@ -246,16 +210,10 @@ def judged(graph: Graph, job: Job, dead_is_wrong: bool = True) -> dict:
         graph.down()
     rms = job.rms_mm()
     as_ever = state == DONE and rms is not None and rms < UNDISTURBED_MM
-    right = (
-        ended and not (dead and dead_is_wrong) and (as_ever or (state != DONE and bool(message)))
-    )
-    return {
-        'ended': state,
-        'message': (paused or message)[:200],
-        'rms_mm': job.rms_mm(),
-        'dead': dead,
-        'right': right,
-    }
+    named = state != DONE and bool(message)
+    right = ended and not (dead and dead_is_wrong) and (as_ever or named)
+    said = (paused or message)[:200]
+    return {'ended': state, 'message': said, 'rms_mm': rms, 'dead': dead, 'right': right}
 
 
 def _pause(job: Job) -> str:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+
+import numpy as np
 
 
 def emit(
@@ -29,3 +32,11 @@ def emit(
         ),
         flush=True,
     )
+
+
+def interval(values: Sequence[float]) -> tuple[float, float, float]:
+    """Mean over the seeds and its 95 % bootstrap interval (2000 resamplings, fixed seed)."""
+    v = np.asarray(values, float)
+    picks = np.random.default_rng(0).integers(0, len(v), (2000, len(v)))
+    many = v[picks].mean(axis=1)
+    return float(v.mean()), float(np.quantile(many, 0.025)), float(np.quantile(many, 0.975))

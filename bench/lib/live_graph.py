@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import subprocess
 import threading
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
-DEATHS = (
-    14  # of one graph: the ports of more dead nodes cannot be held (waam_bringup.shared_memory)
-)
+# of one graph: the ports of more dead nodes cannot be held (waam_bringup.shared_memory)
+DEATHS = 14
 
 
 class LiveGraph:
-    """Start with `start`, end with `stop`. `client` makes a client once every node answers."""
+    """Start with `start`, end with `stop`. description: of graph.yaml, None = as it is; commands: by name of a node
+    what is started in place of its program."""
 
-    def __init__(self, settings, domain: int, timeout: float) -> None:
+    def __init__(
+        self, settings, domain: int, timeout: float, description: dict | None = None,
+        commands: Mapping[str, Sequence[str]] = {},
+    ) -> None:  # fmt: skip
         self.settings, self.domain, self.timeout = settings, domain, timeout
+        self._description, self._commands = description, commands
         self.deaths = 0
         self._supervisor = None
         self._lock, self._over = threading.Lock(), threading.Event()
@@ -32,7 +38,11 @@ class LiveGraph:
 
         shared_memory.clean()
         self.settings.run.mkdir(parents=True, exist_ok=True)
-        self._supervisor = Supervisor(self.settings, self.domain)
+        self._supervisor = Supervisor(self.settings, self.domain, self._description)
+        self._supervisor.specs = [
+            replace(s, command=[*own, *s.command[1:]]) if (own := self._commands.get(s.name)) else s
+            for s in self._supervisor.specs
+        ]
         self._supervisor.start()
         self._supervisor.state.phase = 'up'
         self._supervisor.state.save(self.settings.run)
@@ -49,6 +59,10 @@ class LiveGraph:
         self._over.set()
         self._watcher.join()
         self._supervisor.stop()
+
+    def pid(self, name: str) -> int:
+        """Of a process."""
+        return self._supervisor.children[name].pid
 
     def ready(self, client) -> None:
         """Waits until every node answers. ClientError when one does not."""
@@ -80,9 +94,6 @@ class LiveGraph:
             shared_memory.clean()
             spec = next(s for s in supervisor.specs if s.name == name)
             state = supervisor.state.nodes[name]
-            state.pid, state.exit_code, state.ended_at = (
-                supervisor._launch(spec, 'a').pid,
-                None,
-                None,
-            )
+            state.pid = supervisor._launch(spec, 'a').pid
+            state.exit_code = state.ended_at = None
             supervisor.state.save(self.settings.run)

@@ -5,6 +5,5 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-LIB = ROOT / 'bench' / 'lib'
 SOURCES = ROOT / 'waam_ws' / 'src'
 DATA = ROOT.parent / 'shared' / 'data'  # recordings; they lie beside the checkout or nowhere

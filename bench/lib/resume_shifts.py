@@ -16,8 +16,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trimesh
+from scipy.ndimage import map_coordinates
+
+from waam_job.model.goal import check
+from waam_job.model.records import State
+from waam_job.ros.job_params import settings_of
+from waam_job.run.control import Control
+from waam_job.run.runner import JobRunner
+from waam_job.store.folder import JobFolder
+from waam_lab import build, params, parts, restore
+from waam_lab.cell import LabCell
+from waam_lab.job import LabJob
+from waam_lab.laboratory import on_table, physics_of
+from waam_node import job_folder
+from waam_node.stl import write_worn_block
+from waam_process.grid import HeightGrid
+from waam_sim.plant import Plant
 
 from .preset import preset
+
+OVER = 0.5e-3  # m, of a shift that must be refused
+LARGEST = 5e-3  # m
+JOBS = 25  # that are cut off; each goes on in eight trials, half of them with the part in its place
 
 
 class PowerCut(BaseException):
@@ -31,69 +52,43 @@ class Pose:
     x: float = 0.0
     y: float = 0.0
     turn: float = 0.0
-    up: float = 0.0
-
-    @property
-    def shift(self) -> float:
-        """m in the plane."""
-        return math.hypot(self.x, self.y)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """code: of the job, 0 = it went on up to the arc; text: its message, and what it noted of the shift."""
-
-    code: int
-    text: str
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class CutJob:
-    """A job of the laboratory as the power cut left it."""
+    """A job of the laboratory as the power cut left it; surface: the true one."""
 
-    job: Any  # waam_lab.job.LabJob
+    job: LabJob
     folder: Path
-    surface: Any  # HeightGrid, true
+    surface: HeightGrid
     name: str
 
     def go_on(
-        self, pose: Pose, scratch: Path, noise: float = 1.0, seed: int = 1,
-        change: Callable[[np.ndarray], np.ndarray] = lambda z: z,
-    ) -> Outcome:  # fmt: skip
-        """Goes on with a copy of the folder, on a part that lies at `pose`. noise: times that of the scanner; change:
-        of the true surface (rows, cols) m, before it is shifted."""
-        from waam_job.run.control import Control
-        from waam_job.run.runner import JobRunner
-        from waam_job.store.folder import JobFolder
-        from waam_node import job_folder
-        from waam_process.grid import HeightGrid
-
+        self, pose: Pose, scratch: Path, noise: float, seed: int
+    ) -> tuple[int, str, list[str]]:
+        """Goes on with a copy of the folder, on a part that lies at `pose`. noise: times that of the scanner. Code of
+        the job (0 = it went on up to the arc), its message, and what it noted."""
         target = scratch / self.folder.name
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(self.folder, target)
-        known, checked, cell = _cell(self.job, noise, seed)
+        settings, checked, cell = _cell(self.job, noise, seed)
         try:
-            grid = HeightGrid(self.surface.spec, change(self.surface.z.copy()))
-            cell.device.plant.metal.z[:] = moved(grid, pose)
+            cell.device.plant.metal.z[:] = moved(self.surface, pose)
             cell.enqueue = _until_the_arc(cell.enqueue)
             folder = JobFolder.open(target)
             number = folder.next_run()
             folder.write_yaml(job_folder.resume(number), {})
-            runner = JobRunner(cell, checked, folder, Control(), _settings(known), number)
+            runner = JobRunner(cell, checked, folder, Control(), settings, number)
             runner._release = lambda: None
             try:
                 status = runner.run()
+                code, text = int(status.error_code), status.message
             except PowerCut:
-                return Outcome(0, '', _texts(cell))
-            return Outcome(int(status.error_code), status.message, _texts(cell))
+                code, text = 0, ''
+            return code, text, [a.text for a in cell.anomalies]
         finally:
             cell.close()
             shutil.rmtree(target, ignore_errors=True)
-
-
-def _texts(cell: Any) -> tuple[str, ...]:
-    return tuple(a.text for a in cell.anomalies)
 
 
 def _until_the_arc(inner: Callable[..., None]) -> Callable[..., None]:
@@ -105,39 +100,23 @@ def _until_the_arc(inner: Callable[..., None]) -> Callable[..., None]:
     return enqueue
 
 
-def _settings(known: Any) -> Any:
-    from waam_job.ros.job_params import settings_of
-
-    return replace(settings_of(known.job_sequencer, True), keep_learned=False)
-
-
 def _cell(job: Any, noise: float, seed: int) -> tuple[Any, Any, Any]:
-    """Parameters, the checked goal and a cell with the part as it was before the job."""
-    from waam_job.model.goal import check
-    from waam_lab import params
-    from waam_lab.cell import LabCell
-    from waam_lab.laboratory import on_table, physics_of
-    from waam_sim.plant import Plant
-
+    """Settings, the checked goal and a cell with the part as it was before the job."""
     known = params.make(job.overrides, preset=job.preset)
     checked = check(job.goal)
     physics = physics_of(job, known)
-    table = on_table(job, checked, known, physics)
+    table = on_table(job, checked, known, physics).heights
     scanner = replace(physics.scanner, noise=noise * physics.scanner.noise)
     plant = Plant(table, replace(physics, scanner=scanner), seed)
-    return known, checked, LabCell(known, plant)
+    settings = replace(settings_of(known.job_sequencer, True), keep_learned=False)
+    return settings, checked, LabCell(known, plant)
 
 
 def cut_off(job: Any, layer: int, share: float, scratch: Path, name: str) -> CutJob:
     """Runs `job` until `share` of the arc time of layer `layer` has passed; then the power fails."""
-    from waam_job.model.records import State
-    from waam_job.run.control import Control
-    from waam_job.run.runner import JobRunner
-    from waam_job.store.folder import JobFolder
-
-    known, checked, cell = _cell(job, 1.0, job.seed)
+    settings, checked, cell = _cell(job, 1.0, job.seed)
     folder = JobFolder.create(scratch, name)
-    runner = JobRunner(cell, checked, folder, Control(), _settings(known))
+    runner = JobRunner(cell, checked, folder, Control(), settings)
     runner._release = lambda: None
     spent, inner = [0.0], cell.wait
 
@@ -164,8 +143,6 @@ def cut_off(job: Any, layer: int, share: float, scratch: Path, name: str) -> Cut
 
 def moved(grid: Any, pose: Pose) -> np.ndarray:
     """(rows, cols) m: all that stands on the table is shifted and turned about the middle of the metal."""
-    from scipy.ndimage import map_coordinates
-
     spec = grid.spec
     x, y = np.meshgrid(spec.x, spec.y)
     metal = grid.z > 1e-4
@@ -174,22 +151,11 @@ def moved(grid: Any, pose: Pose) -> np.ndarray:
     u, v = x - pose.x - middle[0], y - pose.y - middle[1]
     from_x, from_y = c * u + s * v + middle[0], -s * u + c * v + middle[1]
     at = [(from_y - spec.y[0]) / spec.resolution, (from_x - spec.x[0]) / spec.resolution]
-    z = map_coordinates(grid.z, at, order=1, mode='constant', cval=0.0)
-    return np.where(z > 1e-4, z + pose.up, z)
-
-
-OVER = 0.5e-3  # m, of a shift that must be refused
-LARGEST = 5e-3  # m
-JOBS = 25  # that are cut off; each goes on in eight trials, half of them with the part in its place
+    return map_coordinates(grid.z, at, order=1, mode='constant', cval=0.0)
 
 
 def bases(scratch: Path) -> Iterator[CutJob]:
     """Blocks with a worn trough, plates, walls and discs, cut off at random places of their first three layers."""
-    import trimesh
-
-    from waam_lab import build, parts, restore
-    from waam_node.stl import write_worn_block
-
     scratch.mkdir(parents=True, exist_ok=True)
     x, y = np.linspace(0, 40, 21), np.linspace(0, 30, 16)
     gx, gy = np.meshgrid(x, y)
@@ -201,13 +167,12 @@ def bases(scratch: Path) -> Iterator[CutJob]:
     rng = np.random.default_rng(41)
     for k in range(JOBS):
         share = float(rng.uniform(0.05, 0.95))
-        if k % 4 == 3:
-            job, layer = restore(*block, seed=k, preset=preset()), int(rng.integers(1, 3))
+        worn = k % 4 == 3
+        layer = int(rng.integers(1, 3 if worn else 4))
+        if worn:
+            job = restore(*block, seed=k, preset=preset())
         else:
-            job, layer = (
-                build(built[k % 4], seed=k, layers=3, preset=preset()),
-                int(rng.integers(1, 4)),
-            )
+            job = build(built[k % 4], seed=k, layers=3, preset=preset())
         yield cut_off(job, layer, share, scratch / 'jobs', f'{job.goal.part.stem}_{k}_{layer}')
 
 
@@ -220,11 +185,12 @@ def trial(base: CutJob, number: int, scratch: Path) -> dict[str, Any]:
     pose = Pose()
     if number % 2:
         pose = Pose(size * math.cos(angle), size * math.sin(angle), turn)
-    end = base.go_on(pose, scratch / 'trial', noise, seed=500 + number)
-    told = [float(v) for t in end.notes for v in re.findall(r'from x: \+- ([0-9.]+) mm', t)]
+    code, text, notes = base.go_on(pose, scratch / 'trial', noise, seed=500 + number)
+    told = [float(v) for t in notes for v in re.findall(r'from x: \+- ([0-9.]+) mm', t)]
+    shift = 1e3 * math.hypot(pose.x, pose.y)
     return {
-        'base': base.name, 'shift_mm': 1e3 * pose.shift, 'noise': noise, 'refused': end.code == 113,
-        'code': end.code, 'told_mm': max(told, default=0.0), 'text': end.text,
+        'base': base.name, 'shift_mm': shift, 'noise': noise, 'code': code, 'text': text,
+        'told_mm': max(told, default=0.0),
     }  # fmt: skip
 
 

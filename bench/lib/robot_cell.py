@@ -1,13 +1,11 @@
-"""The simulated robot cell for bench_robot.py: speed of the torch, kills. Machine time passes as fast as it can."""
+"""The simulated robot cell for bench_robot.py: speed of the torch. Machine time passes as fast as it can."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from waam_bridge import commands, program
-from waam_bridge.frames import ARC_ESTABLISHED, HOMED, IDLE
+from waam_bridge.frames import HOMED, IDLE
 from waam_bridge.params import BridgeParams
 from waam_lab.machine import Machine
 from waam_lab.robot.robot_machine import RobotMachine
@@ -20,15 +18,14 @@ SPEED = 10e-3  # m/s
 HEIGHT, ABOVE = 0.010, 0.030  # m: of the plate and of travel
 ZERO = (0.100, 0.080, 0.020)  # m, where the plate is clamped
 WIRE, VOLTS = 6 / 60, 22.0  # m/s, V
-NODE = 'node'
 WINDOW = 5  # exchanges of 10 ms
 
 
-def machine(kind: str, seed: int = 1, params: RobotParams | None = None) -> Machine:
+def machine(kind: str, seed: int = 1) -> Machine:
     """A cell with a plate, homed and armed."""
     plant = Plant(part.plate(0.16, 0.13, HEIGHT, 8e-4, 5e-3), seed=seed)
     robot = kind == 'robot'
-    made = RobotMachine(params or RobotParams(), plant) if robot else Machine(BridgeParams(), plant)
+    made = RobotMachine(RobotParams(), plant) if robot else Machine(BridgeParams(), plant)
     made.connect()
     asked = commands.Command
     for command in (asked(commands.RESET), asked(commands.HOME)):
@@ -43,11 +40,6 @@ def _ask(made: Machine, command: commands.Command) -> None:
     code, text = made.command(command)
     if code:
         raise RuntimeError(f'command {command.code}: {text}')
-
-
-def arm(made: Machine, names: tuple[str, ...] = ()) -> None:
-    """The bench may use the arc while `names` answer."""
-    _ask(made, commands.Command(commands.ARM, text='bench', names=names))
 
 
 def lay(made: Machine, points: np.ndarray) -> None:
@@ -73,9 +65,6 @@ def _segment(index: int, kind: Kind, a: np.ndarray, b: np.ndarray, speed: float)
     source = {'arc': True, 'wire_feed_speed': WIRE, 'voltage': VOLTS} if arc else {}
     start, end = tuple(map(float, a)), tuple(map(float, b))
     return Segment(index, kind, start, end, speed, layer=1, bead=1, **source)
-
-
-# ---- parts
 
 
 def _closed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -104,19 +93,16 @@ PARTS = {
 }
 
 
-def speed_off(kind: str, points: np.ndarray, seed: int, params: RobotParams | None = None) -> float:
+def speed_off(kind: str, points: np.ndarray, seed: int) -> float:
     """How far the true torch speed is off on 99 % of the way that the arc burns."""
-    made = machine(kind, seed, params)
+    made = machine(kind, seed)
     tips: list[np.ndarray] = []
 
     def see(samples, plant):
-        last = samples[-1]
-        lit = plant.arc_on
-        tips.append(
-            np.array([last['table_x'], last['table_y'], last['tool_z'], 1.0 if lit else np.nan])
-        )
+        last, lit = samples[-1], 1.0 if plant.arc_on else np.nan
+        tips.append(np.array([last['table_x'], last['table_y'], last['tool_z'], lit]))
 
-    arm(made)
+    _ask(made, commands.Command(commands.ARM, text='bench'))
     made.on_exchange = see
     lay(made, points)
     made.advance(0.1)
@@ -139,174 +125,3 @@ def _within(tips: np.ndarray) -> float:
     order = np.argsort(off[good])
     passed = np.cumsum(share[good][order])
     return float(off[good][order][np.searchsorted(passed, 0.99 * passed[-1])])
-
-
-# ---- kills
-
-
-@dataclass(frozen=True)
-class Kill:
-    """what died; off: s until the arc was out."""
-
-    what: str
-    off: float
-
-
-KINDS = ('node', 'bridge', 'driver')
-
-
-def kill(what: str, after: float, seed: int) -> Kill:
-    """Lays a bead, ends `what` `after` s into it, and sees how long the arc burns on."""
-    made = machine('robot', seed)
-    alive = True
-
-    def beat(frame):
-        if alive:
-            bridge = made.bridge
-            bridge.beat(NODE, frame.t_us, bridge.link.boot, made.now)
-
-    made.on_frame = beat
-    arm(made, (NODE,))
-    lay(made, _polygon([(15, 65), (145, 65), (145, 66), (15, 66)]))
-    if not made.until(lambda: made.bridge.flags & ARC_ESTABLISHED != 0, 60.0):
-        raise RuntimeError(f'no arc: {made.bridge.message}')
-    made.advance(after)
-    if not made.plant.arc_on:
-        raise RuntimeError('the arc is out before anything was killed')
-    began = made.time_us
-    alive = what != 'node'
-    made.bridge_dead = what == 'bridge'
-    made.robot.dead = what == 'driver'
-    out = made.until(lambda: not made.plant.arc_on, 2.0)
-    made.close()
-    return Kill(what, (made.time_us - began) * 1e-6 if out else 2.0)
-
-
-# ---- calibrations
-
-
-def calibrations(numbers: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """(seeds, 4): miss of tip or scanner along x, y, z over the half width of its 95 % interval, and its length in m,
-    for touches and profiles of simulated robots."""
-    from waam_calibrate import robot_evidence, robot_fit
-    from waam_lab.robot import references
-    from waam_robot.station import Station
-
-    robot, nominal = robot_evidence.Robot(), Station().on_flange(references.NOMINAL)
-    out: dict[str, list[list[float]]] = {'touches': [], 'profiles': []}
-    for seed in numbers:
-        made = references.touches(seed)
-        tool = robot_fit.tool(robot_evidence.touches(made.text, robot))
-        off = tool.tip - made.truth[:3, 3]
-        out['touches'].append([*(off / tool.interval), np.linalg.norm(off)])
-        made = references.profiles(seed)
-        seen = robot_evidence.profiles(made.text, robot)
-        eye = robot_fit.hand_eye(seen, references.RADIUS, nominal)
-        off = eye.scanner[:3, 3] - made.truth[:3, 3]
-        out['profiles'].append([*(off / eye.interval[:3]), np.linalg.norm(off)])
-    return {name: np.array(rows) for name, rows in out.items()}
-
-
-def longest() -> tuple[float, float, str]:
-    """(m at rest, m turning, what was seen): longest boxes over the turn axis, in steps of 0.2 m up to 2.8 m."""
-    from waam_robot.station import Place, StationError
-    from waam_robot.turn_choice import choose
-
-    best, said = [0.0, 0.0], []
-    for length in np.arange(6, 29, 2) / 10:
-        high = (float(length), 0.12, 0.1)
-        try:
-            found = choose(
-                Place(origin=(-length / 2, -0.06, 0.0), high=high), np.zeros(3), np.array(high)
-            )
-        except StationError as e:
-            said.append(f'{length:g} m: {e}')
-            break
-        for n, way in enumerate((found.still, found.way)):
-            if way is not None and np.degrees(way.wrist) >= 15.0:
-                best[n] = float(length)
-        if length in (0.6, 1.2, 1.8):
-            said.append(f'{length:g} m: {found.text}')
-    return best[0], best[1], '; '.join(said)
-
-
-def shifts(numbers: tuple[int, ...], turn: float, spin: float) -> tuple[float, float]:
-    """(to the side, up) m, RMS: by how much a place of the part lies elsewhere when the torch is brought there with the
-    positioner turned by `turn` and the torch by `spin` (rad) from where the robot was taught; over 100 x 80 mm on
-    simulated robots of the stated errors."""
-    from dataclasses import replace
-
-    from waam_robot.accuracy import AxisErrors, miss
-    from waam_robot.inverse import nearest_turns, solve
-    from waam_robot.station import Station, upright_poses
-    from waam_robot.turning import OVER, Turning, spun
-
-    station = Station()
-    place, arm = station.place, station.place.arm
-    grid = np.meshgrid(np.linspace(0.1, 0.2, 6), np.linspace(0.08, 0.16, 5), [0.03])
-    tips = np.stack(grid, -1).reshape(-1, 3)
-    usual = station.joints(np.vstack([ZERO, tips]))
-    poses = upright_poses(replace(place, turning=Turning(turn)), tips)
-    found = solve(arm, poses @ spun(station.spin + spin) @ OVER)
-    other = nearest_turns(arm, found.theta[:, station.branch], usual[0, :6])
-    theta = np.vstack([usual[:, :6], other])
-    c = np.concatenate([usual[:, 7], usual[1:, 7] + turn])
-    apart = []
-    for seed in numbers:
-        errors = AxisErrors().draw(seed)
-        off = miss(arm, place.positioner, theta, np.zeros(len(c)), c, errors)[1:]
-        apart.append(off[len(tips) :] - off[: len(tips)])
-    side, up = np.array(apart)[..., :2], np.array(apart)[..., 2]
-    return float(np.sqrt((side**2).sum(axis=-1).mean())), float(np.sqrt(np.mean(up**2)))
-
-
-def bends_found(numbers: tuple[int, ...]) -> dict[str, float]:
-    """m and shares, over the middle 80 x 60 mm of maps of 120 x 90 mm by simulated robots, the true surface being known
-    around it (cells every 4 mm, noise 0.03 mm, parts 0.1 mm, 1 mm per m off). bent, left: RMS beyond a plane before
-    and after the estimate; off, off_left: with height and slope; inside: share within 2 standard deviations."""
-    from waam_robot.bend_fit import Surface, fit
-    from waam_robot.station import Station
-    from waam_sim.robot import RobotParams as Cell
-    from waam_sim.robot import SimRobot
-
-    station, taught, scanner = Station(), np.array(ZERO), np.array([0.06, 0.0, -0.03])
-    x, y = np.meshgrid(np.arange(0.0, 0.121, 4e-3), np.arange(0.0, 0.091, 4e-3))
-    points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.01)]) + taught
-    middle = (np.abs(x - 0.06) < 0.04).ravel() & (np.abs(y - 0.045) < 0.03).ravel()
-    joints = station.joints(points - scanner)
-    plane = np.column_stack([np.ones(x.size), x.ravel(), y.ravel()])
-    seen = []
-    for seed in numbers:
-        robot, rng = SimRobot(station, Cell(), seed, taught, taught, 0), np.random.default_rng(seed)
-        bent = -np.array([robot.height_error(row) for row in joints])
-        off = bent + plane @ rng.normal(0, (1e-4, 1e-3, 1e-3))
-        told = np.where(middle, np.nan, off + rng.normal(0, 3e-5, len(off)))
-        found = fit(station, Surface(points, told), taught, scanner)
-        curved = bent - plane @ np.linalg.lstsq(plane, bent, rcond=None)[0]
-        left, off_left = curved - found.bend, off - found.off
-        good = np.abs(left) < 2 * found.doubt
-        seen.append(np.array([curved, left, off, off_left, good])[:, middle])
-    rows = np.concatenate(seen, axis=1)
-    rms = np.sqrt(np.mean(rows[:4] ** 2, axis=1)).tolist()
-    names = ('bent', 'left', 'off', 'off_left')
-    return {**dict(zip(names, rms, strict=True)), 'inside': float(rows[4].mean())}
-
-
-def bends(
-    numbers: tuple[int, ...], size: tuple[float, float] = (0.08, 0.06)
-) -> tuple[float, float]:
-    """(measured, predicted) m: RMS by which the maps of `size` m of simulated robots are bent, backlash included."""
-    from waam_robot.bend import bend
-    from waam_robot.station import Station
-    from waam_sim.robot import RobotParams as Cell
-    from waam_sim.robot import SimRobot
-
-    station, taught = Station(), np.array(ZERO)
-    grid = np.meshgrid(*(np.linspace(0, length, 9) for length in size), [0.01])
-    tips = np.stack(grid, -1).reshape(-1, 3) + taught
-    joints, off = station.joints(tips), []
-    for seed in numbers:
-        robot = SimRobot(station, Cell(), seed, taught, taught, 0)
-        off.append([robot.height_error(row) for row in joints])
-    told = bend(station, tips, taught, np.array([0.06, 0.0, 0.0]))
-    return float(np.sqrt(np.mean(np.square(off)))), told.rms

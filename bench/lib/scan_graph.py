@@ -1,137 +1,92 @@
-"""The node scan_fusion and a publisher as processes of their own, and scans through them (for bench_scan.py)."""
+"""Scans through the node scan_fusion by ROS: this process is the machine and its scanner (for bench_scan.py)."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import time
-from dataclasses import dataclass
-from pathlib import Path
+from array import array
 
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+import numpy as np
+from std_srvs.srv import SetBool
 
-from waam_msgs.msg import HeightMap
+from waam_msgs.msg import HeightMap, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
-from waam_node.conversions import grid_to_msg, time_to_msg
-from waam_node.qos import LATCHED
+from waam_node.conversions import floats, grid_to_msg, time_to_msg
+from waam_node.qos import LATCHED, PROFILES, TELEMETRY
 from waam_process.grid import GridSpec
 
-DOMAIN = 61
+from .node import NodeUnderTest
+
 GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
-NODE = 'from waam_scan.scan_fusion_node import main; main()'
 PARAMETERS = ('mount_xyz:=[0.0, 0.0, 0.11]', 'max_waiting:=20000', 'finish_timeout:=60.0')
-PATIENCE = 120.0  # s
+POINTS, BATCH, COUNT = (
+    2048,
+    64,
+    15,
+)  # of a profile; profiles of a message of one megabyte; messages of a scan
+PERIOD = 1e-3  # s between profiles: two million points per second
 
 
-@dataclass(frozen=True)
-class Run:
-    """rate: points/s that were sent and used; lost: anything missing; latency_ms: last batch sent to map received;
-    ns_per_point: CPU time of the node; memory_mb: what its process holds at the end."""
+class ScannedNode(NodeUnderTest):
+    """The node, with a machine that moves to and fro over the grid."""
 
-    rate: float
-    lost: bool
-    why: str
-    latency_ms: float
-    ns_per_point: float
-    memory_mb: float
-
-
-class Graph:
-    """Context manager around the two processes."""
-
-    def __init__(self, domain: int = DOMAIN) -> None:
-        self._env = os.environ | {'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
-        arguments = [a for p in PARAMETERS for a in ('-p', p)]
-        self._node = self._start('-c', NODE, '--ros-args', *arguments)
-        self._publisher: subprocess.Popen | None = None
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._me = Node('bench_scan', context=self._context)
-        self._begin = self._me.create_client(BeginScan, 'scan_fusion/begin')
-        self._finish = self._me.create_client(FinishScan, 'scan_fusion/finish')
-        self._maps: list[float] = []
-        self._me.create_subscription(
+    def __init__(self) -> None:
+        super().__init__('waam_scan.scan_fusion_node', *PARAMETERS)
+        node, self._on, self._maps = self.client, False, []
+        self._begin = node.create_client(BeginScan, 'scan_fusion/begin')
+        self._finish = node.create_client(FinishScan, 'scan_fusion/finish')
+        node.create_subscription(
             HeightMap, 'height_map', lambda _: self._maps.append(time.monotonic()), LATCHED
         )
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._me)
+        node.create_service(SetBool, 'scanner/enable', self._enable)
+        self._telemetry = node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
+        self._profiles = node.create_publisher(ProfileBatch, 'profiles', PROFILES)
+        rng = np.random.default_rng(0)
+        z = -0.11 + 30e-6 * rng.standard_normal(POINTS * BATCH)
+        z[rng.random(z.size) < 0.05] = np.nan
+        self._msg = ProfileBatch(sensor_id='bench', profile_count=BATCH, points_per_profile=POINTS)
+        self._msg.header.frame_id = 'scanner'
+        self._msg.x = floats(np.tile(np.linspace(-51.2e-3, 51.2e-3, POINTS), BATCH))
+        self._msg.z = floats(z)
+        self._msg.stamp_offsets_ns = array('q', [round(k * PERIOD * 1e9) for k in range(BATCH)])
+        self.until(
+            lambda: all(p.get_subscription_count() for p in (self._telemetry, self._profiles))
+        )
 
-    def _start(self, *arguments: str) -> subprocess.Popen:
-        return subprocess.Popen(
-            [sys.executable, *arguments], env=self._env, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
+    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._on, response.success = request.data, True
+        return response
 
-    def __enter__(self) -> Graph:
-        return self
+    def _batch(self, number: int, start: float) -> None:
+        """Telemetry at 100 Hz up to its end and 20 ms on, and a message of profiles. start: s, ROS time, of scan."""
+        first, lasts = start + number * BATCH * PERIOD, BATCH * PERIOD
+        for t in np.arange(first - 0.02, first + lasts + 0.02, 0.01):
+            pose = Telemetry()
+            pose.header.stamp = time_to_msg(t)
+            pose.position.x = 1.2e-3 + abs((t - start) * 0.1 % 0.2 - 0.1)
+            pose.position.y = 51.2e-3
+            self._telemetry.publish(pose)
+        self._msg.sequence, self._msg.header.stamp = number, time_to_msg(first)
+        self._profiles.publish(self._msg)
 
-    def __exit__(self, *error) -> None:
-        for process in (self._publisher, self._node):
-            if process and process.poll() is None:
-                process.terminate()
-                process.wait(20)
-        self._executor.shutdown()
-        self._me.destroy_node()
-        rclpy.shutdown(context=self._context)
-
-    def _until(self, condition) -> None:
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            if time.monotonic() > end or self._node.poll() is not None:
-                raise TimeoutError('the graph does not answer')
-            self._executor.spin_once(timeout_sec=0.01)
-
-    def _call(self, client, request):
-        self._until(client.service_is_ready)
-        for _ in range(int(PATIENCE / 10)):
-            future, end = client.call_async(request), time.monotonic() + 30
-            self._until(lambda f=future, e=end: f.done() or time.monotonic() > e)
-            if future.done():
-                return future.result()
-        raise TimeoutError(f'{client.srv_name} does not answer')
-
-    def scan(self, rate: float, seconds: float) -> Run:
-        """One scan with a fresh publisher of `rate` points per second."""
-        script = str(Path(__file__).parent / 'scan_publisher.py')
-        self._publisher = self._start(script, str(rate), str(seconds))
-        assert self._publisher.stdout.readline().strip() == 'ready'
-        cpu = self._cpu_seconds()
+    def scan(self) -> float:
+        """ms from the last message of a scan to its map; RuntimeError when anything is missing."""
         for _ in range(20):  # the scanner's service may not be found at once
-            begun = self._call(
-                self._begin, BeginScan.Request(job_id='bench', grid=grid_to_msg(GRID))
-            )
+            asked = BeginScan.Request(job_id='bench', grid=grid_to_msg(GRID))
+            begun = self.call(self._begin, asked)
             if begun.error_code == BeginScan.Response.OK:
                 break
-        ending = json.loads(self._publisher.stdout.readline())
-        seen = len(self._maps)
-        request = FinishScan.Request(scan_id=begun.scan_id, until=time_to_msg(ending['until']))
-        done = self._call(self._finish, request)
-        sent = json.loads(self._publisher.stdout.readline())
-        self._until(lambda: len(self._maps) > seen or done.error_code != FinishScan.Response.OK)
-        self._publisher.wait(20)
-        return self._judge(done, sent, self._cpu_seconds() - cpu)
-
-    def _cpu_seconds(self) -> float:
-        """CPU time of the node's process so far."""
-        fields = Path(f'/proc/{self._node.pid}/stat').read_text().rpartition(')')[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-    def _memory_mb(self) -> float:
-        pages = int(Path(f'/proc/{self._node.pid}/statm').read_text().split()[1])
-        return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-
-    def _judge(self, done: FinishScan.Response, sent: dict, cpu: float) -> Run:
-        used, wanted = done.map.profiles_used, sent['profiles']
-        late = sent['points_per_s'] < 0.95 * sent['asked']
-        why = f'{wanted - used} of {wanted} profiles missing ({done.message or "no reason given"})'
-        if late:
-            why = f'the publisher itself reached only {sent["points_per_s"]:.2e} points/s'
-        latency = (self._maps[-1] - sent['last']) * 1e3 if self._maps else float('nan')
-        cost = cpu * 1e9 / (wanted * sent['points_per_profile'])
-        lost = used != wanted or late
-        return Run(sent['points_per_s'], lost, why, latency, cost, self._memory_mb())
+        self.until(lambda: self._on)
+        start, seen = time.time(), len(self._maps)
+        for k in range(COUNT):
+            due = start + (k + 1) * BATCH * PERIOD
+            self.until(lambda due=due: time.time() > due)
+            last = time.monotonic()
+            self._batch(k, start)
+        end = time_to_msg(start + COUNT * BATCH * PERIOD - PERIOD)
+        done = self.call(self._finish, FinishScan.Request(scan_id=begun.scan_id, until=end))
+        if done.map.profiles_used != COUNT * BATCH:
+            raise RuntimeError(
+                f'{done.map.profiles_used} of {COUNT * BATCH} profiles: {done.message}'
+            )
+        self.until(lambda: len(self._maps) > seen)
+        return (self._maps[-1] - last) * 1e3

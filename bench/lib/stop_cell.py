@@ -11,12 +11,13 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import urllib.request
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
+
+from .live_graph import LiveGraph
+from .stop_loads import QUIET
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 PATIENCE_S = 10.0  # a STOP that has not come by then counts as so late
@@ -42,18 +43,12 @@ class StopCell:
         for folder in (self.run, self.jobs):
             folder.mkdir()
         self._mounted = self.root and self._mount()
-        self._kept = {
-            k: os.environ.get(k) for k in ('WAAM_JOBS', 'WAAM_RUN', 'STOP_STAMPS', 'ROS_DOMAIN_ID')
-        }
+        self._kept = dict(os.environ)
         self.domain, self.page, self.second = fresh_domain(), free_port(), free_port()
-        os.environ |= {
-            'WAAM_JOBS': str(self.jobs),
-            'WAAM_RUN': str(self.run),
-            'STOP_STAMPS': str(self.stamps),
-        }
+        own = {'WAAM_JOBS': self.jobs, 'WAAM_RUN': self.run, 'STOP_STAMPS': self.stamps}
+        os.environ |= {name: str(path) for name, path in own.items()}
         self.shop = self.jobs / '.shop' / 'cells' / 'cell'
-        self._tap = self._client = self._supervisor = None
-        self._over = threading.Event()
+        self._tap = self._client = self._live = None
         try:
             self._start()
         except BaseException:
@@ -71,44 +66,27 @@ class StopCell:
         return self._mounted
 
     def _start(self) -> None:
-        from waam_bringup import shared_memory
         from waam_bringup.client import GraphClient
         from waam_bringup.graph import Settings, load
-        from waam_bringup.supervisor import Supervisor
 
-        shared_memory.clean()
-        description = copy.deepcopy(load())
+        description, commands = copy.deepcopy(load()), {}
         if self.machine == 'gantry':
             real, link = self.run / 'controller.real', self.run / 'controller'
             words = description['virtual_controller']['arguments']
             words[words.index('${run}/controller')] = str(real)
-            tap = [
-                sys.executable,
-                str(HERE / 'stop_tap.py'),
-                str(real),
-                str(link),
-                str(self.stamps),
-            ]
+            tap = [sys.executable, HERE / 'stop_tap.py', real, link, self.stamps]
             self._tap = subprocess.Popen(tap)
+        else:
+            commands['bridge'] = (sys.executable, str(HERE / 'stop_robot_bridge.py'))
         settings = Settings(
             run=self.run, rate=1.0, panel_port=self.page, stop_port=self.second, hang_timeout=0.0,
             without=NODES, machine=self.machine,
         )  # fmt: skip
-        supervisor = self._supervisor = Supervisor(settings, self.domain, description)
-        if self.machine == 'robot':
-            own = [sys.executable, str(HERE / 'stop_robot_bridge.py')]
-            supervisor.specs = [
-                replace(s, command=[*own, *s.command[1:]]) if s.name == 'bridge' else s
-                for s in supervisor.specs
-            ]
-        supervisor.start()
-        supervisor.state.phase = 'up'
-        supervisor.state.save(self.run)
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
+        self._live = LiveGraph(settings, self.domain, UP_S, description, commands)
+        self._live.start()
+        self.pid = self._live.pid
         self._client = GraphClient(self.domain)
-        names = {s.name for s in supervisor.specs if s.ros}
-        self._client.wait_ready(names, UP_S, dict, UP_S)
+        self._live.ready(self._client)
         self._prepare()
 
     def _prepare(self) -> None:
@@ -132,29 +110,19 @@ class StopCell:
                 time.sleep(0.2)
         client.until(lambda: False, 3.0)
 
-    def _watch(self) -> None:
-        while not self._over.wait(0.1):
-            self._supervisor.look()
-
     def __exit__(self, *_: object) -> None:
-        self._over.set()
         if self._client:
             self._client.__exit__()
-        if self._supervisor:
-            self._supervisor.stop()
+        if self._live:
+            self._live.stop()
         if self._tap:
             self._tap.kill()
             self._tap.wait()
         if self._mounted:
             subprocess.run(['umount', '-l', str(self.jobs)], capture_output=True)
-        for name, value in self._kept.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
+        os.environ.clear()
+        os.environ |= self._kept
         self._temporary.cleanup()
-
-    def pid(self, name: str) -> int:
-        return self._supervisor.children[name].pid
 
     # ---- the ways; each returns ms from the request to the controller
 
@@ -167,13 +135,8 @@ class StopCell:
     def command(self) -> float:
         """`waam job abort`, from its start."""
         words = [str(ROOT / 'waam'), 'job', 'abort', '--run', str(self.run)]
-        quiet = {
-            'stdin': subprocess.DEVNULL,
-            'stdout': subprocess.DEVNULL,
-            'stderr': subprocess.DEVNULL,
-        }
         began = time.monotonic_ns()
-        process = subprocess.Popen(words, start_new_session=True, **quiet)
+        process = subprocess.Popen(words, start_new_session=True, **QUIET)
         try:
             return self._arrives(began, lambda: None)
         finally:  # the rest of it takes seconds, and says what the job did

@@ -21,6 +21,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 SLOW_S = 2.0  # that the slow disk takes to open a file
 BUSY = 40  # processes
+QUIET = dict.fromkeys(('stdin', 'stdout', 'stderr'), subprocess.DEVNULL)
 
 
 @contextmanager
@@ -31,12 +32,7 @@ def nothing(cell) -> Iterator[None]:
 @contextmanager
 def programs(*commands: list[str]) -> Iterator[None]:
     """Processes, each in a session of its own, that are killed at the end."""
-    quiet = {
-        'stdin': subprocess.DEVNULL,
-        'stdout': subprocess.DEVNULL,
-        'stderr': subprocess.DEVNULL,
-    }
-    running = [subprocess.Popen(c, start_new_session=True, **quiet) for c in commands]
+    running = [subprocess.Popen(c, start_new_session=True, **QUIET) for c in commands]
     try:
         time.sleep(0.5)
         yield
@@ -148,24 +144,17 @@ def read_only_disk(cell) -> Iterator[None]:
         subprocess.run(['umount', '-l', str(shop)], check=True)
 
 
-@contextmanager
-def recorder_hung(cell) -> Iterator[None]:
-    pid = cell.pid('recorder')
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        os.kill(pid, signal.SIGCONT)
+def hung(name: str):
+    @contextmanager
+    def load(cell) -> Iterator[None]:
+        pid = cell.pid(name)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            os.kill(pid, signal.SIGCONT)
 
-
-@contextmanager
-def panel_hung(cell) -> Iterator[None]:
-    pid = cell.pid('panel')
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        os.kill(pid, signal.SIGCONT)
+    return load
 
 
 @contextmanager
@@ -189,9 +178,9 @@ def busy(cell):
 
 LOADS = {
     'idle': nothing, 'bodies_of_strangers': pour('strangers'), 'bodies_of_operators': pour('operators'),
-    'threads': threads, 'descriptors': pour('half_open'), 'panel_hung': panel_hung,
+    'threads': threads, 'descriptors': pour('half_open'), 'panel_hung': hung('panel'),
     'audit_lock': held('audit.jsonl.lock'), 'queue_lock': held('queue.json.lock'), 'slow_disk': slow_disk,
     'hung_disk': hung_disk, 'full_disk': full_disk, 'read_only_disk': read_only_disk,
-    'recorder_hung': recorder_hung, 'audit_broken': audit_broken, 'queue_broken': queue_broken, 'busy': busy,
+    'recorder_hung': hung('recorder'), 'audit_broken': audit_broken, 'queue_broken': queue_broken, 'busy': busy,
 }  # fmt: skip
 MOUNTS = ('full_disk', 'read_only_disk')  # only as root

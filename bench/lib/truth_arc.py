@@ -56,5 +56,5 @@ def figures(times: np.ndarray, rows: np.ndarray) -> dict[str, float]:
         'current_1s': float(means[:, 0].std()),
         'voltage': float(rows[:, 2].std()),
         'voltage_1s': float(means[:, 1].std()),
-        'correlation': float(np.corrcoef(rows[:, 1], rows[:, 2])[0, 1]),
+        'arc_correlation': float(np.corrcoef(rows[:, 1], rows[:, 2])[0, 1]),
     }

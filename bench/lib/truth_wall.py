@@ -47,12 +47,13 @@ class Section:
 def recorded(folder: Path) -> tuple[list[np.ndarray], list[Pass]]:
     """Points (n, m, 3) of the scans after layers 1 to 3, about the axis of the wall, and what the log says of it."""
     from waam_scan.recordings import files, wall
+    from waam_scan.recordings.wall_maps import fuse_wall
 
     log = files.read_arc_log(folder / 'arc_log.csv')
     lasers = [
         files.read_laser_csv(folder / f'LaserCoordinate{k}.csv') for k in range(1, LAYERS + 2)
     ]
-    made = wall.fuse_wall(lasers, log, 5e-4)
+    made = fuse_wall(lasers, log, 5e-4)
     points = [wall.profile_points(s, made.shift) for s in made.scans]
     for p in points:
         p[..., 1] -= made.bead.axis
@@ -161,26 +162,23 @@ def sections(points: np.ndarray) -> Section:
 
 
 def figures(scans: list[np.ndarray]) -> dict[str, float]:
-    """Of the scans before the wall and after its layers: SI, without the ends."""
+    """Of the scans before the wall and after its layers: SI, without the ends, means of the layers."""
     found = [sections(s) for s in scans[1:]]
     low = max(float(s.x[s.top > 0.5 * np.median(s.top)].min()) for s in found) + ENDS
     high = min(float(s.x[s.top > 0.5 * np.median(s.top)].max()) for s in found) - ENDS
     grid = np.arange(low, high, ROW)
-    out = {}
-    tops = []
-    for k, s in enumerate(found):
+    rows = []
+    for s in found:
         top, area, middle = (np.interp(grid, s.x, v) for v in (s.top, s.area, s.middle))
-        tops.append(top)
-        out[f'top_rms_{k + 1}'] = float(level(grid, top).std())
-        out[f'section_{k + 1}'] = float(level(grid, area).std() / area.mean())
-        out[f'middle_{k + 1}'] = float(level(grid, middle).std())
-        out[f'width_{k + 1}'] = float(np.median(np.interp(grid, s.x, s.width)))
+        wide, rel = np.median(np.interp(grid, s.x, s.width)), level(grid, area).std() / area.mean()
+        spread = (level(grid, top).std(), rel, wide, level(grid, middle).std())
+        rows.append((top, *spread, correlation_length(level(grid, top))))
+    tops, *of_layers = zip(*rows, strict=True)
     growth = [b - a for a, b in zip(tops[:-1], tops[1:], strict=True)]
+    names = ('top_rms', 'section', 'width', 'middle', 'correlation_length')
+    out = {name: float(np.mean(v)) for name, v in zip(names, of_layers, strict=True)}
     out['growth'] = float(np.mean([level(grid, g).std() / g.mean() for g in growth]))
-    out['mean_growth'] = float(np.mean(growth))
-    out['correlation'] = float(np.mean([correlation_length(level(grid, t)) for t in tops]))
-    out |= plate(scans[0])
-    return out
+    return out | plate(scans[0])
 
 
 def level(x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -210,4 +208,8 @@ def plate(points: np.ndarray) -> dict[str, float]:
             step.append(1.4826 * np.median(np.abs(np.diff(p[:, 2]))) / np.sqrt(2))
             rest.append(1.4826 * np.median(np.abs(level(p[:, 1], p[:, 2]))))
     lost = 1.0 - float(np.isfinite(points).all(axis=-1).mean())
-    return {'noise_step': float(np.mean(step)), 'noise': float(np.mean(rest)), 'lost': lost}
+    return {
+        'scan_noise_step': float(np.mean(step)),
+        'scan_noise': float(np.mean(rest)),
+        'scan_lost': lost,
+    }

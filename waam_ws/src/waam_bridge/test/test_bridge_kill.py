@@ -1,6 +1,6 @@
 """kill -9 of the host, of the controller, and a pulled terminal, in the middle of a bead: the arc is off in time.
 
-`bench/bench_link.py` does it at 200 random moments; `test_bridge_virtual_controller.py` kills the real node.
+`test_bridge_virtual_controller.py` kills the real node.
 """
 
 import pytest

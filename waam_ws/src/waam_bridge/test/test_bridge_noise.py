@@ -1,7 +1,4 @@
-"""The bridge core and the real controller core over a bad cable: executed as sent, or held with a reason and no arc.
-
-`bench/bench_link.py` runs the same campaign with a million segments.
-"""
+"""The bridge core and the real controller core over a bad cable: executed as sent, or held with a reason and no arc."""
 
 import random
 

@@ -1,6 +1,6 @@
 """The controller's arc regulator (its real C code, through the library waam_arc_loop) around plants of our own.
 
-Used by test_arc_regulator.py and bench/bench_arc.py. Times s, voltages V, currents A, wire speed mm/s.
+Used by test_arc_regulator.py. Times s, voltages V, currents A, wire speed mm/s.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The controller's input shaper (its real C code, through the library waam_shaper_loop) on motions of our own.
 
-Used by test_shaper.py and bench/bench_motion.py. Times s, frequencies Hz, positions in steps unless said otherwise.
+Used by test_shaper.py. Times s, frequencies Hz, positions in steps unless said otherwise.
 """
 
 from __future__ import annotations

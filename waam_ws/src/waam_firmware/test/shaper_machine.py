@@ -1,6 +1,5 @@
 """The whole controller with its inert plant in this process (libwaam_controller_lib), line by line, in ticks of 1 ms:
-what the input shaper does to programs, holds and stops. Used by tests of shaped motion and
-bench/bench_motion.py.
+what the input shaper does to programs, holds and stops. Used by tests of shaped motion.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The controller's standoff control (its real C code, through the library waam_standoff_loop) around sensors, arcs and
 metal of our own.
 
-Used by test_standoff.py and bench/bench_standoff.py. Lengths mm, times s, currents A, voltages V, wire speed mm/s.
+Used by test_standoff.py. Lengths mm, times s, currents A, voltages V, wire speed mm/s.
 """
 
 from __future__ import annotations

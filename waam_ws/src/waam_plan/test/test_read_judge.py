@@ -6,11 +6,8 @@ from pathlib import Path
 
 import pytest
 
-BENCH = Path(__file__).parents[4] / 'bench'
-sys.path.insert(0, str(BENCH))
-
-from bench_program import random_program  # noqa: E402
-from lib.rs274 import available, exact_off_um, off_um  # noqa: E402
+sys.path.insert(0, str(Path(__file__).parent))
+from rs274 import available, exact_off_um, off_um, random_program  # noqa: E402
 
 
 @pytest.mark.skipif(

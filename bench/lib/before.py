@@ -1,4 +1,4 @@
-"""The laboratory of a former commit beside today's: every job in a process of its own."""
+"""The commit that figures are compared with, from the history of git, and its laboratory beside today's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from .paths import ROOT
+
+BEFORE = '986bae11'
 # the first job compiles; argument: options of waam_lab.restore
 JOB = """
 import json, sys
@@ -24,23 +26,24 @@ print(found.time / found.cpu)
 """
 
 
-def _git(*words: str) -> str:
+def git(*words: str) -> str:
+    """What git says in this repository."""
     done = subprocess.run(('git', *words), cwd=ROOT, capture_output=True, text=True)
     if done.returncode:
         asked = 'rev-parse', '--is-shallow-repository'
-        shallow = words != asked and _git(*asked) == 'true'
+        shallow = words != asked and git(*asked) == 'true'
         hint = '; this clone is shallow: git fetch --unshallow' if shallow else ''
         raise RuntimeError(f'git {" ".join(words)}: {done.stderr.strip()}{hint}')
     return done.stdout.strip()
 
 
 @contextmanager
-def tree(commit: str) -> Iterator[dict[str, str]]:
-    """Environment with the packages as they were at `commit`, not built, before those of today, whose messages and
-    controller they use. RuntimeError where git does not have the commit."""
+def tree() -> Iterator[dict[str, str]]:
+    """Environment with the packages as they were, not built, before those of today, whose messages and controller they
+    use. RuntimeError where git does not have the commit."""
     with tempfile.TemporaryDirectory(prefix='waam_before_') as scratch:
         here, found = Path(scratch) / 'tree', {'NUMBA_CACHE_DIR': f'{scratch}/numba'}
-        _git('worktree', 'add', '--detach', str(here), commit)
+        git('worktree', 'add', '--detach', str(here), BEFORE)
         try:
             packages = [p.parent for p in here.glob('waam_ws/src/*/setup.py')]
             index = Path(scratch) / 'share/ament_index/resource_index/packages'
@@ -52,7 +55,7 @@ def tree(commit: str) -> Iterator[dict[str, str]]:
                 found[name] = os.pathsep.join([*map(str, first), os.environ.get(name, '')])
             yield found
         finally:
-            _git('worktree', 'remove', '--force', str(here))
+            git('worktree', 'remove', '--force', str(here))
 
 
 def speed(environment: Mapping[str, str], **options: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import re
 import shutil
 import subprocess
@@ -26,6 +27,27 @@ ALONE = re.compile(r'^\s*(N\d+)?\s*G92\s*$', re.IGNORECASE)  # once its E is gon
 def available() -> bool:
     """Whether the judge is installed (package linuxcnc-uspace)."""
     return shutil.which('rs274') is not None
+
+
+def random_program(rng: random.Random) -> str:
+    """Lit moves of all kinds, words of four decimals."""
+    out = ['G21 G90 G17', 'G0 Z5', 'G0 X0 Y0', 'G1 Z0 F600', 'W6000 S22', 'M3']
+    for _ in range(rng.randint(2, 12)):
+        radius, turn = rng.uniform(0.5, 80), rng.uniform(0.1, 6.1)
+        word, sign = rng.choice((('G3', 1), ('G2', -1)))
+        x, y = (radius * f(sign * turn) for f in (math.cos, math.sin))
+        i, z = -radius, rng.uniform(-3, 3)
+        plane = rng.choice(
+            (
+                f'G17 {word} X{x - radius:.4f} Y{y:.4f} Z{z:.4f} I{i:.4f}',
+                f'G18 {word} Z{x - radius:.4f} X{y:.4f} Y{z:.4f} K{i:.4f}',
+                f'G19 {word} Y{x - radius:.4f} Z{y:.4f} X{z:.4f} J{i:.4f}',
+                f'G17 {word} X{rng.uniform(1, 9):.4f} R{rng.uniform(5.1, 30):.4f}',
+            )
+        )
+        out.append(f'G91 {plane}')
+        out.append(f'G90 G1 X{rng.uniform(-90, 90):.4f} Y{rng.uniform(-90, 90):.4f} Z0')
+    return '\n'.join([*out, 'M5'])
 
 
 @dataclass(frozen=True)
