@@ -12,6 +12,7 @@ from waam_job.conversions import correction_from_msg
 from waam_lab import laboratory
 from waam_lab.cell import LabCell
 from waam_lab.job import LabResult
+from waam_process.operating import DEFAULT_PRESET
 from waam_sim.plant import Profiles
 
 from .jaw import jaw_job
@@ -67,7 +68,7 @@ def run_on(cell: type[LabCell], seed: int) -> LabResult:
     """The jaw on a cell of this class."""
     kept, laboratory.LabCell = laboratory.LabCell, cell
     try:
-        return laboratory.run(jaw_job(seed=seed))
+        return laboratory.run(jaw_job(seed=seed, preset=DEFAULT_PRESET))
     finally:
         laboratory.LabCell = kept
 
