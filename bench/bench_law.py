@@ -16,6 +16,10 @@ law.coverage: share of the layers of the default law whose RMS lies in the 90 % 
   all combinations. Wanted: 0.8 to 0.97.
 law.strip_cost_mm: by how much the RMS inside is larger where no scan sees a strip of 8 mm across the beads, mean over
   the families without drift. Wanted: at most 0.1.
+law.warned_layers: layers in a row with a growing error until a job whose correction arrives with the wrong sign (or 2.6
+  times too large, where it diverges) has paused; worst of both, three seeds. Wanted: at most 2. A minute.
+law.jump_cost_mm: by how much the RMS of the jaw is larger where the first scan after layer 3 stands 0.3 mm too high,
+  mean of three seeds. Wanted: at most 0.05.
 stderr has one line per combination.
 
 Seeds: the random cells 0, 1 and 2 for reporting (plants.REPORTING), each with noise, ground and walk of seed
@@ -45,6 +49,7 @@ SEEDS = CHOOSING if os.environ.get('WAAM_BENCH_CHOOSING') else REPORTING
 DRIFTS = {'none': ('none', 1.0), 'fall': ('fall', 1.0), 'walk': ('walk', 1.0), 'rough': ('none', 2.3)}  # fmt: skip
 LAYERS, JUDGED = 14, 5  # of a pad; those before the first that counts
 WAYS = ('inside', 'with ends')
+JAW_SEEDS = (1, 2, 3)
 STRIP = 8e-3  # m, a sixth of the pad
 
 
@@ -123,7 +128,30 @@ def strip() -> None:
     emit('law.strip_cost_mm', 1e3 * float(np.mean(costs)), 'mm', 'asked', 0.1)
 
 
+def warned() -> None:
+    from lib.law_diverging import DIVERGING, growing_layers_until_pause, run_on
+
+    layers = []
+    for name, cell in DIVERGING.items():
+        for seed in JAW_SEEDS:
+            found = run_on(cell, seed)
+            layers.append(growing_layers_until_pause(found))
+            errors = ', '.join(f'{1e3 * v:.2f}' for v in found.layer_rms)
+            print(f'{name}, seed {seed}: RMS {errors} mm, {layers[-1]} growing', file=sys.stderr)
+    emit('law.warned_layers', max(layers), 'layers', 'asked', 2)
+
+
+def jump() -> None:
+    from lib.law_diverging import Jumped, run_on
+
+    from waam_lab.cell import LabCell
+
+    costs = [run_on(Jumped, s).rms - run_on(LabCell, s).rms for s in JAW_SEEDS]
+    emit('law.jump_cost_mm', 1e3 * float(np.mean(costs)), 'mm', 'asked', 0.05)
+
+
 FIGURES = {
     'law.worst_over_explicit': bench, 'law.worst_base_over_explicit': bench, 'law.gain_pct': bench,
     'law.coverage': bench, 'law.strip_cost_mm': strip,
+    'law.warned_layers': warned, 'law.jump_cost_mm': jump,
 }  # fmt: skip

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import re
 import subprocess
+import sys
 
 import pytest
-from code_names import C_NAME, NAME, ROOT, c_exists, exists
+from code_names import C_NAME, NAME, ROOT, SRC, c_exists, exists
+from test_readmes import configured
 
 from waam_node import job_folder
+from waam_plan.settings import PlanSettings
 
-PAGES = sorted([*(ROOT / 'docs').glob('*.md'), ROOT / 'README.md', ROOT / 'CHANGELOG.md'])
+DOCS = ROOT / 'docs'
+PAGES = sorted(
+    [
+        *DOCS.glob('*.md'),
+        *DOCS.glob('releases/*.md'),
+        *SRC.glob('*/doc/*.md'),
+        ROOT / 'README.md',
+        ROOT / 'CHANGELOG.md',
+    ]
+)
 READMES = sorted((ROOT / 'waam_ws' / 'src').glob('*/README.md'))
-PAST = {'CHANGELOG.md', 'upgrading.md'}  # they name what is no longer there
+PAST = {'CHANGELOG.md', 'upgrading.md', '0.3.0.md'}  # they name what is no longer there
 LINK = re.compile(r'\[[^\]]*\]\(([^)\s]+)\)')
 INSIDE = re.compile(
     r'\bspec \d|\bissue ["A-Z0-9]|\bof the (\w+ )?issue\b|\bsitting\b|\bitem \d', re.IGNORECASE
@@ -118,6 +132,58 @@ def test_the_page_of_the_job_folder_names_every_file():
             job_folder.plan(2), job_folder.map_after(0), job_folder.viewer_recording()]  # fmt: skip
     wanted = [n for n in (*names, *made) if '*' not in n]
     assert len(wanted) > 18 and not [n for n in wanted if n not in listed]
+
+
+STATED = re.compile(
+    r'`(\w+)` \((-?[\d.]+) ?(%|mm|m|s|°)?\)|^\| `(\w+)` \| (-?[\d.]+) ?(%|mm|m|s|°)?', re.MULTILINE
+)
+UNIT = {'%': 0.01, 'mm': 1e-3, '°': math.pi / 180}
+
+
+def defaults() -> dict[str, list]:
+    """Parameters of all nodes and settings of the planner; some names belong to several nodes."""
+    found: dict[str, list] = {f.name: [f.default] for f in dataclasses.fields(PlanSettings)}
+    for package in SRC.iterdir():
+        for name, value in configured(package).items():
+            found.setdefault(name, []).append(value)
+    return found
+
+
+def wrong_defaults(text: str, known: dict[str, list]) -> list[str]:
+    """Of `name` (0.5 mm) and of the rows of a table `setting | default`: values that are none of this name."""
+    head = re.compile(r'\| (setting|parameter) \| default')
+    text = re.sub(
+        r'(^\|.*\n)+', lambda m: m[0] if head.match(m[0]) else '', text, flags=re.MULTILINE
+    )
+    wrong = []
+    for match in STATED.finditer(text):
+        name, number, unit = match.groups()[:3] if match[1] else match.groups()[3:]
+        values = [v for v in known.get(name, ()) if isinstance(v, int | float)]
+        if values and not any(math.isclose(v, float(number) * UNIT.get(unit, 1.0)) for v in values):
+            wrong.append(f'{match[0]}: {values}')
+    return wrong
+
+
+def test_a_default_that_is_stale_is_found():
+    known = {'wear_limit': [0.015], 'feed_floor': [0.42]}
+    table = '| setting | default | why |\n|---|---|---|\n| `feed_floor` | 0.5 of the rate | x |\n'
+    assert wrong_defaults('`wear_limit` (14 mm)', known) and wrong_defaults(table, known)
+    assert not wrong_defaults('`wear_limit` (15 mm)' + table.replace('0.5', '0.42'), known)
+    assert not wrong_defaults('| figure | value |\n|---|---|\n| `feed_floor` | 3 |\n', known)
+
+
+@pytest.mark.parametrize('page', [p for p in PAGES if p.name not in PAST], ids=short)
+def test_stated_defaults_are_those_of_the_parameter_files(page):
+    assert not wrong_defaults(page.read_text(), defaults())
+
+
+def test_every_figure_has_a_benchmark():
+    names = re.findall(r'^\| `([\w.]+)` \|', (DOCS / 'figures.md').read_text(), re.MULTILINE)
+    shown = subprocess.run(
+        [sys.executable, ROOT / 'bench/run.py', 'help'], capture_output=True, text=True, check=True
+    )
+    known = set(shown.stdout.split())
+    assert len(names) > 20 and not [n for n in names if n not in known]
 
 
 MARKDOWN = [

@@ -1,6 +1,7 @@
 """The layout of the plant sample stands once in Python, and it is that of the controller core in C.
 
-The cell of the firmware's tests reads it a second time, on purpose: it is written from docs/link_protocol.md alone.
+The cell of the firmware's tests reads it a second time, on purpose: it is written from
+waam_firmware/doc/plant_port.md alone.
 """
 
 import re

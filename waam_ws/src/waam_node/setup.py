@@ -2,7 +2,7 @@ from setuptools import find_packages, setup
 
 setup(
     name='waam_node',
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/waam_node']),

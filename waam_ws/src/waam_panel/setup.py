@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 setup(
     name='waam_panel',
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     package_data={'waam_panel': ['*.yaml', 'static/*']},
     data_files=[

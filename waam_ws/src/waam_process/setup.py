@@ -2,7 +2,7 @@ from setuptools import find_packages, setup
 
 setup(
     name='waam_process',
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     package_data={'waam_process': ['*.yaml']},
     data_files=[

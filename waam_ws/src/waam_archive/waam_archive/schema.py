@@ -1,4 +1,4 @@
-"""The tables of the archive: every column with its kind and meaning. docs/archive.md prints the same; a test compares.
+"""The tables of the archive: every column with its kind and meaning. doc/tables.md prints the same; a test compares.
 
 Units stand in the names: `_mm`, `_m`, `_s`, `_A` ... A value that is not known is NULL.
 """
@@ -208,7 +208,7 @@ def version_of(columns: Iterable[str]) -> int:
 
 
 def markdown() -> str:
-    """The tables as docs/archive.md prints them."""
+    """The tables as doc/tables.md prints them."""
     lines: list[str] = []
     for table, columns in TABLES.items():
         lines += [f'### {table}', '', '| column | type | meaning |', '|---|---|---|']

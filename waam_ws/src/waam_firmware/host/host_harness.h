@@ -33,7 +33,7 @@ typedef struct {
     uint32_t noise;
 } host_harness_t;
 
-/* One millisecond of the outputs, as the plant port sends it (docs/link_protocol.md). */
+/* One millisecond of the outputs, as the plant port sends it (waam_firmware/doc/plant_port.md). */
 typedef struct {
     double table_x, table_y, tool_z; /* m, machine; the table moves under the torch */
     double wire_cmd;                 /* m/s */

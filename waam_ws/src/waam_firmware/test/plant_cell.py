@@ -1,7 +1,7 @@
 """A small cell at the plant port: answers every step as it is told to.
 
-It is written from docs/link_protocol.md alone and shares nothing with `waam_process.plant_port`, which the simulated
-cell reads: two readings of one document, so that the tests notice when the document and the controller part.
+It is written from waam_firmware/doc/plant_port.md alone and shares nothing with `waam_process.plant_port`, which the
+simulated cell reads: two readings of one document, so that the tests notice when the document and the controller part.
 test/test_plant_port.py allows this second layout and no other.
 """
 

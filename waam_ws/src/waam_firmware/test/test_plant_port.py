@@ -1,4 +1,4 @@
-"""The plant port, with a small cell written from docs/link_protocol.md: layout, lock-step, faults seen through it."""
+"""The plant port, with a small cell written from waam_firmware/doc/plant_port.md: layout, lock-step, faults."""
 
 from __future__ import annotations
 

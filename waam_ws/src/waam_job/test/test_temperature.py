@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -10,6 +12,7 @@ from waam_job.conversions import aim_to_msg
 from waam_job.model.geometry import aim_point
 from waam_job.model.goal import Code
 from waam_job.model.records import State
+from waam_job.model.snapshots import HEAT_SILENT, Heat
 from waam_process.segment import Kind, Segment
 
 DOUBT = 'layer 1 raised it by 0.1 K, 40 K were expected'
@@ -90,3 +93,13 @@ def test_the_aim_is_given_in_machine_coordinates():
     msg = aim_to_msg((0.01, 0.02, 0.003), (0.1, 0.08, 0.02), Time(sec=3))
     assert msg.header.frame_id == 'machine' and msg.header.stamp.sec == 3
     assert (msg.point.x, msg.point.y, msg.point.z) == pytest.approx((0.11, 0.1, 0.023))
+
+
+def test_what_a_silent_node_said_last_is_neither_believed_nor_the_cause():
+    said = Heat(known=True, temperature=80.0, ready=True, plausible=True)
+    assert said.heard(HEAT_SILENT) == said
+    old = said.heard(HEAT_SILENT + 2.0)
+    assert not old.plausible and not old.ready and 'thermal_compensator' in old.reasons[0]
+    doubted = Heat(known=True, reasons=('pyrometer stepped by -50 K',)).heard(HEAT_SILENT + 2.0)
+    assert doubted.reasons == old.reasons
+    assert Heat().heard(math.inf) == Heat()

@@ -47,7 +47,7 @@ def test_every_line_says_cause_and_action_and_the_manual_has_the_table():
     for rows in alarms.table().values():
         for advice in rows.values():
             assert all(len(v) > 2 for v in dataclasses.astuple(advice))
-    assert alarms.markdown() in (ROOT / 'docs/panel.md').read_text()
+    assert alarms.markdown() in (ROOT / 'waam_ws/src/waam_panel/doc/alarms.md').read_text()
     assert alarms.advice('job', 4711).action
 
 

@@ -58,7 +58,7 @@ def advice(kind: str, code: str | int) -> Advice:
 
 
 def markdown() -> str:
-    """The whole table for docs/panel.md."""
+    """The whole table for doc/alarms.md."""
     rows = ['| code | what | cause | what to do |', '|---|---|---|---|']
     for kind in KINDS:
         rows += [

@@ -1,4 +1,4 @@
-"""What the controller core commands in 1 ms, as the plant port has it (docs/link_protocol.md, host_harness.h)."""
+"""What the controller core commands in 1 ms, as the plant port has it (waam_firmware/doc/plant_port.md)."""
 
 import numpy as np
 

@@ -77,6 +77,19 @@ def test_noise_belongs_to_seed_scan_and_place_not_to_the_time(make_cell):
     assert abs(alike(a[:-1], a[1:])) < 0.05, 'profiles side by side'
 
 
+def test_a_scan_ends_although_nobody_asks_for_profiles_between_two(make_cell):
+    """As in the laboratory, which asks only while it scans."""
+    plant, samples = make_cell(), np.zeros(10, SAMPLE)
+    noise = []
+    for on in (True, False, True):
+        plant.scanning = on
+        plant.step(samples, plant.time_us + 10_000)
+        if on:
+            plant.profiles(samples)
+            noise.append(plant.scanner.rng.copy())
+    assert noise[0] != noise[1]
+
+
 def test_more_points_are_lost_on_slopes_and_by_a_fault(make_cell):
     plant = make_cell()
     y = plant.metal.spec.y - 0.03

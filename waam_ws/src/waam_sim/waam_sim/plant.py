@@ -195,6 +195,7 @@ class Plant:
         """A part that is moved after it was scanned is moved when the first scan is over. A layer begins after a
         scan."""
         if self._was_scanning and not self.scanning:
+            self.scanner.switch(False)
             self.variation.scanned()
             self.placed.state['moved'] = 1.0
         self._was_scanning = self.scanning

@@ -1,4 +1,4 @@
-"""The client's end of the virtual controller's plant port (docs/link_protocol.md): steps in, readings out."""
+"""The client's end of the virtual controller's plant port (waam_firmware/doc/plant_port.md): steps in, readings out."""
 
 from __future__ import annotations
 

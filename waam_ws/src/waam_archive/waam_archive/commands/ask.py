@@ -38,7 +38,7 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
         help='file name of the part, as `waam jobs list` prints it, or a piece of it that no other part has',
     )
     p.add_argument('-o', '--output', type=Path, metavar='FILE', help='write an HTML page')
-    text = 'one SELECT over the tables of docs/archive.md; nothing can be written or read outside'
+    text = 'one SELECT over the tables of waam_archive/doc/tables.md; nothing can be written or read outside'
     p = add_verb(verbs, common, 'sql', text, _sql)
     p.add_argument('query', metavar='SELECT')
 

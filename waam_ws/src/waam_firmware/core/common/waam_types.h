@@ -20,7 +20,7 @@
 #define WAAM_BYTE_HOLD 0x80    /* real-time bytes, two in a row */
 #define WAAM_BYTE_RESUME 0x81
 #define WAAM_BYTE_STOP 0x82
-#define WAAM_FIRMWARE_VERSION "0.2.0"
+#define WAAM_FIRMWARE_VERSION "0.3.0"
 
 typedef enum { WAAM_IDLE = 0, WAAM_RUN = 1, WAAM_HOLD = 2, WAAM_ALARM = 3 } waam_state_t;
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Point, Segment
+
+HEAT_SILENT = 10.0  # s after which the last word of the thermal compensator, which speaks twice a second, is too old
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,14 @@ class Heat:
     reasons: tuple[str, ...] = ()  # why not plausible
     believed: bool = True  # the temperature answers to the layers that are laid
     doubt: str = ''  # why not believed
+
+    def heard(self, age: float) -> Heat:
+        """The same `age` s after it was said: a node that is silent says nothing of now, and no old reason is the
+        cause."""
+        if not self.known or age <= HEAT_SILENT:
+            return self
+        reason = f'thermal_compensator has said nothing for {age:.0f} s'
+        return replace(self, ready=False, plausible=False, wait=math.nan, reasons=(reason,))
 
 
 @dataclass(frozen=True)

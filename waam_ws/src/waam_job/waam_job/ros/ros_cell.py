@@ -66,6 +66,7 @@ class RosCell:
         self.node, self.timeout = node, service_timeout
         self.job_id = ''
         self._machine, self._heat = Machine(), Heat()
+        self._heat_heard = 0.0  # s, steady clock
         self._seen, self._pos_at = 0.0, 0.0
         self._burned: Point | None = None
         self._stats, self._lock = TelemetryStats(), threading.Lock()
@@ -131,7 +132,7 @@ class RosCell:
 
     def _on_heat(self, m: HeatFactor) -> None:
         with self._lock:
-            self._heat = convert.heat_from_msg(m)
+            self._heat, self._heat_heard = convert.heat_from_msg(m), time.monotonic()
             self._stats.temperature = m.temperature
 
     # ---- snapshots (job thread) ----------------------------------------------------------------
@@ -160,9 +161,9 @@ class RosCell:
             )
 
     def heat(self) -> Heat:
-        """The newest heat_factor; not `known` before the first one."""
+        """The newest heat_factor; not `known` before the first one, not plausible when it is old."""
         with self._lock:
-            return self._heat
+            return self._heat.heard(time.monotonic() - self._heat_heard)
 
     def read_parameters(self) -> None:
         """Asks the other nodes; takes some seconds when one of them is gone."""
