@@ -151,10 +151,7 @@ def test_a_job_folder_stands_for_its_record(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ('name', 'text', 'message'),
-    [
-        ('a.dat', '[Connect DataFile]', 'no table'),
-        ('a.txt', '', 'neither of'),
-    ],
+    [('a.dat', '[Connect DataFile]', 'no table'), ('a.txt', '', 'neither of')],
 )
 def test_bad_logs_are_named(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)

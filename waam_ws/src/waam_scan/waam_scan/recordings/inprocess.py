@@ -83,13 +83,7 @@ def filter_scan(
         height[k], u[k] = state.value
     raw = np.array([np.nanmedian(z) if np.isfinite(z).any() else np.nan for z in scan.z])
     return CrownSeries(
-        t=scan.t,
-        raw=raw,
-        crown=crowns,
-        crown_u=crown_u,
-        height=height,
-        u=u,
-        used=used,
+        t=scan.t, raw=raw, crown=crowns, crown_u=crown_u, height=height, u=u, used=used
     )
 
 
