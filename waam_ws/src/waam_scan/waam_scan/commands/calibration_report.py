@@ -14,9 +14,9 @@ from ..calibration.file import rpy_of, save_calibration
 from ..calibration.pass_file import load_pass
 from ..calibration.scan_pass import Pass
 from ..calibration.solve import PARAMETERS, Calibration, CalibrationError, calibrate
-from ..recordings.left_out import LeftOut, tell
-from ..recordings.scan_records import passes as recorded
-from ..recordings.scan_records import record_files
+from ..left_out import LeftOut, tell
+from ..scan_records import passes as recorded
+from ..scan_records import record_files
 from ..transform import Mounting
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from ..recordings.files import save_map
+from ..map_file import save_map
 from ..registration.clouds import load_points, load_triangles
 from ..registration.compare import Missing, found_grid, missing_metal, nominal_grid
 from ..registration.result import Registration

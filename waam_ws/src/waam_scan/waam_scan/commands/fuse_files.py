@@ -16,20 +16,20 @@ from ..fusion.fill import fill_holes
 from ..fusion.height_map import FusedMap, Fusion
 from ..fusion.limits import FusionLimits
 from ..fusion.quality import assess
-from ..recordings.files import FileError, save_map
-from ..recordings.left_out import LeftOut
-from ..recordings.scan_records import passes, recorded_mounting
+from ..left_out import LeftOut
+from ..map_file import FileError, save_map
 from ..registration.clouds import load_points
+from ..scan_records import passes, recorded_mounting
 from ..stream.assembler import Assembler, ProfileBlock
 from ..stream.poses import PoseTrack
 from ..transform import Mounting
+from .file_info import CLOUDS
 from .picture import save_ply, save_png
 
 LARGEST = 4_000_000  # cells of a map
 MAX_GAP_NS = 100_000_000  # between two recorded poses
 BLOCK = 4096  # profiles per step
 MARGIN = 1e-3  # m of height beyond the points
-CLOUDS = ('.pcd', '.ply', '.xyz', '.npy')
 
 
 def grid_around(low: np.ndarray, high: np.ndarray, cell: float) -> GridSpec:

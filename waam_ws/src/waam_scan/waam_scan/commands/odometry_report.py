@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..recordings.left_out import LeftOut, tell
+from ..left_out import LeftOut, tell
 from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,43 +15,36 @@ def save_png(
     z: np.ndarray,
     title: str = '',
     limits_mm: tuple | None = None,
-    mark: Iterable[np.ndarray] | None = None,
     filled: np.ndarray | None = None,
 ) -> None:
     """Heights z (rows, cols; m, NaN = unknown, drawn grey) in mm over x and y in mm, +y up.
 
-    limits_mm: colour range; None = 1st to 99th percentile. mark: (x (n,), height (n,), u (n,)) in m of a bead top to be
-    drawn below the map. filled: (rows, cols) mask of cells that were filled in, drawn hatched.
+    limits_mm: colour range; None = 1st to 99th percentile. filled: (rows, cols) mask of cells that were filled in,
+    hatched.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     extent = [v * 1e3 for v in spec.extent]
     width, height = extent[1] - extent[0], extent[3] - extent[2]
-    rows = 2 if mark is not None else 1
     tall = max(2.5, min(9.0, 8.0 * height / width))
-    figure = Figure(figsize=(10, tall + 1 + 2.8 * (rows - 1)), layout='constrained')
+    figure = Figure(figsize=(10, tall + 1), layout='constrained')
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=[tall, 2.8][:rows])[:, 0]
+    axes = figure.subplots()
     if limits_mm is None:
         known = z[np.isfinite(z)] * 1e3
         limits_mm = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
-    axes[0].set_facecolor('0.75')
-    image = axes[0].imshow(
+    axes.set_facecolor('0.75')
+    image = axes.imshow(
         np.ma.masked_invalid(z * 1e3), origin='lower', extent=extent, cmap='viridis',
         vmin=limits_mm[0], vmax=limits_mm[1], interpolation='nearest', aspect='equal',
     )  # fmt: skip
     if filled is not None and filled.any():
-        axes[0].contourf(
+        axes.contourf(
             spec.x * 1e3, spec.y * 1e3, filled, [0.5, 1.5], colors='none', hatches=['xxx']
         )
-    figure.colorbar(image, ax=list(axes), label='height in mm', extend='both')
-    axes[0].set(xlabel='x in mm', ylabel='y in mm', title=title)
-    if mark is not None:
-        x, top, u = (np.asarray(v) * 1e3 for v in mark)
-        axes[1].errorbar(x, top, yerr=2 * u, fmt='.-', ms=3, lw=0.8, capsize=1.5)
-        axes[1].set(xlim=extent[:2], xlabel='x in mm', ylabel='bead top in mm (bars: ± 2 u)')
-        axes[1].grid(alpha=0.4)
+    figure.colorbar(image, ax=axes, label='height in mm', extend='both')
+    axes.set(xlabel='x in mm', ylabel='y in mm', title=title)
     figure.savefig(path, dpi=110)
 
 

@@ -15,11 +15,11 @@ from waam_process.safe_files import parse_json
 from waam_record.bag_reader import info
 from waam_record.salvage import Damage, records
 
-from ..calibration.scan_pass import Pass
-from ..stream.profiles import ProfileBlock, read_batch
-from ..transform import Mounting
-from .files import FileError
+from .calibration.scan_pass import Pass
 from .left_out import LeftOut, leave_out
+from .map_file import FileError
+from .stream.profiles import ProfileBlock, read_batch
+from .transform import Mounting
 
 PAUSE = 1.0  # s without profiles: the scanner was off, a new scan begins
 MARGIN_NS = 1_000_000_000  # telemetry that is kept before and after a scan
