@@ -39,4 +39,3 @@ class RecordedBatch(Protocol):
     stamp_offsets_ns: ArrayLike
     x: ArrayLike
     z: ArrayLike
-    intensity: ArrayLike

@@ -23,8 +23,9 @@ from waam_record.foreign import times
 from waam_record.foreign.text import Form, Table, number, read_table
 from waam_scan.fusion.height_map import FusedMap, Fusion
 from waam_scan.fusion.limits import FusionLimits
-from waam_scan.stream.assembler import Assembler, ProfileBlock
 from waam_scan.stream.poses import PoseStatus, PoseTrack
+from waam_scan.stream.profiles import ProfileBlock
+from waam_scan.stream.session import Session
 from waam_scan.transform import Mounting, rotation_rpy
 
 from ..twin.records import RecordError
@@ -287,11 +288,10 @@ def fuse(scan: RecordedScan, spec: GridSpec, shift: tuple[float, float]) -> Fuse
     """Heights above the substrate on `spec`."""
     track, mounting = place(scan, shift)
     limits = FusionLimits(height_min=BELOW, height_max=ABOVE)
-    assembler = Assembler(Fusion(spec, mounting, limits), track, MAX_POSE_GAP_NS)
+    session = Session(Fusion(spec, mounting, limits), track, MAX_POSE_GAP_NS)
     x, z = (a.astype(np.float32) for a in (scan.laser.x, -scan.laser.range))
-    assembler.add(ProfileBlock(scan.stamps, x, z))
-    assembler.close()
-    return assembler.fusion.result()
+    session.add(ProfileBlock(scan.stamps, x, z))
+    return session.close()
 
 
 def profile_points(scan: RecordedScan, shift: tuple[float, float]) -> np.ndarray:
