@@ -68,6 +68,23 @@ def records(path: Path) -> Iterator[McapRecord | Damage]:
         yield from _walk(f, path.stat().st_size)
 
 
+def messages(path: Path, damage: list[str]) -> Iterator[tuple[Channel, Schema, Message]]:
+    """Messages of a file with their channel and schema, as of `records`; what is missing goes into damage, in words."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[Channel, Schema]] = {}
+    for item in records(path):
+        if isinstance(item, Message):
+            if known := channels.get(item.channel_id):
+                yield *known, item
+        elif isinstance(item, Schema):
+            schemas[item.id] = item
+        elif isinstance(item, Channel):
+            nothing = Schema(id=0, data=b'', encoding='', name='')
+            channels[item.id] = item, schemas.get(item.schema_id, nothing)
+        elif isinstance(item, Damage):
+            damage.append(f'{path}: {item}')
+
+
 def _walk(f: BinaryIO, size: int) -> Iterator[McapRecord | Damage]:
     while True:
         at = f.tell()

@@ -7,6 +7,7 @@ from mcap.records import Channel, Message
 
 from waam_node.testing import fresh_domain
 from waam_record.bag_reader import bag_files
+from waam_record.read_record import load
 from waam_record.salvage import records
 from waam_replay import cli
 from waam_replay.steps import steps
@@ -32,7 +33,7 @@ def test_the_nodes_reproduce_every_map_and_psi(job, capsys):
 
 
 def test_every_step_gives_what_its_question_needs(job):
-    plan = steps(job / 'record')
+    plan = steps(load(job / 'record'))
     assert [s.call.kind for s in plan] == ['begin', 'finish', 'correct', 'feed'] * 2 + [
         'begin',
         'finish',

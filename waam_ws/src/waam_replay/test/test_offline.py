@@ -116,7 +116,7 @@ def test_a_record_without_questions_is_refused(tmp_path):
         tune(tmp_path / 'nowhere')
 
 
-@pytest.mark.parametrize('read', [tune, lambda path: steps(path / 'record')])
+@pytest.mark.parametrize('read', [tune, lambda path: steps(load(path / 'record'))])
 @pytest.mark.parametrize(('count', 'text'), [(1, 'the version that recorded it'), (0, 'holds no')])
 def test_a_layer_that_was_corrected_while_it_was_laid_needs_the_version_that_recorded_it(
     read, count, text, tmp_path

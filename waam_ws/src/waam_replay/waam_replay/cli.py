@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from waam_node.spread import add_options
 
@@ -29,6 +29,22 @@ commanded on it and what that layer would have become, not a new history of the 
 Over many records one result per record is kept in --output. A run that was ended (Ctrl-C, power) goes on with the same
 command. A worker that is lost costs its own record, which is computed again."""
 
+PLAY: dict[str, dict[str, Any]] = {
+    'rate': {'type': float, 'default': 1.0, 'help': 'recorded seconds per second (default 1)'},
+    'lockstep': {'action': 'store_true',
+                 'help': 'as fast as possible: wait for every map and psi of the nodes and compare it with the record'},
+    'attach': {'action': 'store_true',
+               'help': 'lock-step with the nodes of the running graph instead of nodes of its own'},
+    'domain': {'type': int, 'help': 'lock-step: ROS_DOMAIN_ID of its nodes'},
+    'topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
+    'exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    'remap': {'action': 'append', 'default': [], 'metavar': 'FROM:=TO'},
+    'start': {'type': float, 'default': 0.0, 'help': 's after the beginning of the record'},
+    'until': {'type': float, 'default': 0.0, 'help': 's after the beginning; 0 = to the end'},
+    'paused': {'action': 'store_true', 'help': 'begin paused (go on with the service player/resume)'},
+    'force': {'action': 'store_true', 'help': 'also topics that command a machine'},
+}  # fmt: skip
+
 
 def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `replay` with its sub-verbs."""
@@ -44,13 +60,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     tune = verbs.add_parser('tune', help=text, description=text)
     _add_jobs(tune)
     tune.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NODE.NAME=VALUE',
+        '--set', action='append', default=[], dest='settings', metavar='NODE.NAME=VALUE',
         help='parameter of scan_fusion, correction_server, feed_forward or job (repeatable)',
-    )
+    )  # fmt: skip
     tune.set_defaults(run_command=_tune)
     text = (
         'offline, with the recorded parameters; exit status 1 when anything differs from the record'
@@ -58,7 +70,12 @@ def register(commands: argparse._SubParsersAction) -> None:
     check = verbs.add_parser('check', help=text, description=text)
     _add_jobs(check)
     check.set_defaults(run_command=_check)
-    _register_play(verbs)
+    text = 'publish a record to a graph, with /clock; commands to the machine only with --force'
+    play = verbs.add_parser('play', help=text, description=text)
+    play.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
+    for name, options in PLAY.items():
+        play.add_argument(f'--{name}', **options)
+    play.set_defaults(run_command=_play)
 
 
 def _add_jobs(p: argparse.ArgumentParser) -> None:
@@ -69,42 +86,6 @@ def _add_jobs(p: argparse.ArgumentParser) -> None:
     p.set_defaults(workers=None)  # None: one record is computed here
     text = 'folder of the results (default: JOB/replay; of many jobs: jobs/replay_check or jobs/replay_tune)'
     p.add_argument('-o', '--output', type=Path, help=text)
-
-
-def _register_play(verbs: argparse._SubParsersAction) -> None:
-    text = 'publish a record to a graph, with /clock; commands to the machine only with --force'
-    play = verbs.add_parser('play', help=text, description=text)
-    play.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
-    play.add_argument(
-        '--rate', type=float, default=1.0, help='recorded seconds per second (default 1)'
-    )
-    play.add_argument(
-        '--lockstep',
-        action='store_true',
-        help='as fast as possible: wait for every map and psi of the nodes and compare it with the record',
-    )
-    play.add_argument(
-        '--attach',
-        action='store_true',
-        help='lock-step with the nodes of the running graph instead of nodes of its own',
-    )
-    play.add_argument('--domain', type=int, help='lock-step: ROS_DOMAIN_ID of its nodes')
-    play.add_argument('--topics', nargs='+', default=[], metavar='NAME', help='only these')
-    play.add_argument(
-        '--exclude', default='', metavar='REGEX', help='not the topics it is found in'
-    )
-    play.add_argument('--remap', action='append', default=[], metavar='FROM:=TO')
-    play.add_argument(
-        '--start', type=float, default=0.0, help='s after the beginning of the record'
-    )
-    play.add_argument(
-        '--until', type=float, default=0.0, help='s after the beginning; 0 = to the end'
-    )
-    play.add_argument(
-        '--paused', action='store_true', help='begin paused (go on with the service player/resume)'
-    )
-    play.add_argument('--force', action='store_true', help='also topics that command a machine')
-    play.set_defaults(run_command=_play)
 
 
 def _tuned(job: Path, settings: list[str]) -> Tuning:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +12,8 @@ from waam_node.conversions import grid_from_msg, nanoseconds
 from waam_record.read_record import Exchange, Record
 from waam_scan.fusion_params import FusionParams
 from waam_scan.map_maker import MapMaker
-from waam_scan.stream.profiles import ProfileBlock
+from waam_scan.stream.profiles import ProfileBlock, read_batch
 from waam_scan.stream.session import Session
-
-from .recorded import RecordedBatch, RecordedMap
 
 # as scan_fusion: profiles older than its clock by up to this belong to the scan
 CLOCK_GRAIN_NS = 100_000_000
@@ -24,7 +23,7 @@ CLOCK_GRAIN_NS = 100_000_000
 class MapAgain:
     """One scan: the recorded map (message) and the same computed again; z, sigma (rows, cols) float32 in m, count."""
 
-    recorded: RecordedMap
+    recorded: Any  # waam_msgs/HeightMap
     z: np.ndarray
     sigma: np.ndarray
     count: np.ndarray
@@ -114,10 +113,10 @@ class Mapper:
     def _blocks(self, after_ns: int, before_ns: int) -> Iterator[tuple[int, ProfileBlock]]:
         batches = self.record.batches
         while self._batch < len(batches) and batches[self._batch][0] < before_ns:
-            at, msg = batches[self._batch]
+            at, data = batches[self._batch]
             self._batch += 1
             if at > after_ns:
-                yield msg.sequence, block_of(msg)
+                yield read_batch(data)
 
     def _feed(self, until_ns: int) -> None:
         """Telemetry up to the first frame that is not older than `until_ns`."""
@@ -128,11 +127,3 @@ class Mapper:
             self._fed += 1
             if t >= until_ns:
                 return
-
-
-def block_of(msg: RecordedBatch) -> ProfileBlock:
-    """A recorded ProfileBatch."""
-    shape = msg.profile_count, msg.points_per_profile
-    stamps = nanoseconds(msg.header.stamp) + np.asarray(msg.stamp_offsets_ns, np.int64)
-    x, z = (np.asarray(v, np.float32).reshape(shape) for v in (msg.x, msg.z))
-    return ProfileBlock(stamps, x, z)

@@ -24,8 +24,9 @@ from waam_msgs.srv import BeginScan, ComputeCorrection, ComputeFeed, FinishScan
 from waam_node.files import write_atomically
 from waam_node.node import CallError, call
 from waam_node.qos import LATCHED, PROFILES, TELEMETRY
+from waam_record.read_record import Exchange, load
 
-from .steps import Call, Inputs, Step, steps
+from .steps import Step, steps
 
 KINDS = {
     'begin': (BeginScan, 'scan_fusion/begin', 'scan_fusion'),
@@ -39,6 +40,7 @@ REFUSED = {  # requests that every node refuses without side effects: they show 
     'correct': ComputeCorrection.Request(),
     'feed': ComputeFeed.Request(),
 }
+PATIENCE_S = 60.0  # longest wait for an answer, wall time
 AT_ONCE = 200  # messages between two waits for the nodes: less than their queues hold
 
 
@@ -76,8 +78,8 @@ class Report:
 class Lockstep:
     """`run` belongs to a thread of its own; the node's executor must spin meanwhile."""
 
-    def __init__(self, node: Node, folder: Path, patience: float, report: str = '') -> None:
-        self.node, self.folder, self.patience = node, folder, patience
+    def __init__(self, node: Node, folder: Path, report: str = '') -> None:
+        self.node, self.folder = node, folder
         self.report, self._file = Report(), report
         self._seen: dict[str, list[Any]] = {'maps': [], 'psi': []}
         self._telemetry = node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
@@ -106,8 +108,8 @@ class Lockstep:
     def run(self) -> None:
         """Plays everything; what went wrong is in `report`."""
         try:
-            plan = steps(self.folder)
-            self._meet({s.call.kind for s in plan if s.call})
+            plan = steps(load(self.folder))
+            self._meet({s.call.kind for s in plan})
             started = time.monotonic()
             for step in plan:
                 self._step(step)
@@ -133,7 +135,7 @@ class Lockstep:
 
     def _answered(self, ask: Any) -> Any:
         """Repeats a harmless request until it is answered."""
-        end = time.monotonic() + self.patience
+        end = time.monotonic() + PATIENCE_S
         while True:
             try:
                 return ask()
@@ -142,10 +144,10 @@ class Lockstep:
                     raise
 
     def _until(self, condition: Any, text: str) -> None:
-        end = time.monotonic() + self.patience
+        end = time.monotonic() + PATIENCE_S
         while not condition():
             if time.monotonic() > end:
-                raise CallError(f'{text} (waited {self.patience:.0f} s)')
+                raise CallError(f'{text} (waited {PATIENCE_S:.0f} s)')
             time.sleep(0.002)
 
     def _ping(self, node: str) -> None:
@@ -154,13 +156,11 @@ class Lockstep:
 
     def _step(self, step: Step) -> None:
         self._give(step.inputs)
-        if step.call is None:
-            return
         self._set_clock(step.call.ros_ns)
         self._ping(KINDS[step.call.kind][2])
         self._ask(step.call)
 
-    def _give(self, inputs: Inputs) -> None:
+    def _give(self, inputs: list[tuple[bool, bytes]]) -> None:
         """Telemetry and profiles in their order; never more on the way than the nodes keep."""
         on_the_way = 0
         for is_profile, data in inputs:
@@ -174,8 +174,8 @@ class Lockstep:
 
     def _settle(self) -> None:
         for publisher in (self._telemetry, self._profiles):
-            if not publisher.wait_for_all_acked(Duration(seconds=self.patience)):
-                raise CallError(f'{publisher.topic_name} is not taken within {self.patience:.0f} s')
+            if not publisher.wait_for_all_acked(Duration(seconds=PATIENCE_S)):
+                raise CallError(f'{publisher.topic_name} is not taken within {PATIENCE_S:.0f} s')
         self._ping('scan_fusion')
 
     def _set_clock(self, ns: int) -> None:
@@ -184,11 +184,11 @@ class Lockstep:
         for _ in range(3):  # /clock is heard best effort
             self._clock.publish(msg)
 
-    def _ask(self, question: Call) -> None:
+    def _ask(self, question: Exchange) -> None:
         kind = question.kind
         request = deserialize_message(question.data, KINDS[kind][0].Event).request[0]
         wanted = deserialize_message(question.answer, KINDS[kind][0].Event).response[0]
-        answer = call(self._clients[kind], request, self.patience)
+        answer = call(self._clients[kind], request, PATIENCE_S)
         if answer.error_code != wanted.error_code:
             self.report.differences.append(
                 f'{KINDS[kind][1]}: error {answer.error_code} ({answer.message}), recorded {wanted.error_code}'

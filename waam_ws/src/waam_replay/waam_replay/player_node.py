@@ -24,6 +24,8 @@ from .play_clock import PlayClock
 from .playlist import Playlist, Wanted, parse_remap
 
 BURST = 500  # messages that are published at most before the executor gets its turn
+CLOCK_S = 0.01  # wall time between two messages on /clock
+WAIT_S = 0.5  # wall time between the publishers being there and the first message
 
 
 @dataclass(frozen=True)
@@ -40,19 +42,9 @@ class PlayerParams:
         0.0, 'where to end, after the beginning of the record; 0 = at its end', 's', 0.0
     )
     paused: bool = param(False, 'begin paused')
-    clock: bool = param(True, 'publish /clock')
-    clock_rate: float = param(
-        100.0, 'messages on /clock per second of wall time', 'Hz', 1.0, 1000.0
-    )
-    wait: float = param(
-        0.5, 'wall time between the publishers being there and the first message', 's', 0.0, 60.0
-    )
     force: bool = param(False, 'publish commands to a machine, and topics that others publish')
     lockstep: bool = param(
         False, 'ask the nodes what the job asked them, wait for each answer and compare it'
-    )
-    patience: float = param(
-        60.0, 'longest wait for an answer in lock-step, wall time', 's', 1.0, 3600.0
     )
     report: str = param('', 'file for the result of lock-step, JSON')
 
@@ -76,7 +68,7 @@ class Player(WaamNode):
         self._clock_out = self.create_publisher(Clock, '/clock', QoSProfile(depth=10))
         self._folder = record_folder(Path(p.record))
         if p.lockstep:
-            self._lockstep = Lockstep(self, self._folder, p.patience, p.report)
+            self._lockstep = Lockstep(self, self._folder, p.report)
             threading.Thread(target=self._run_lockstep, name='lockstep', daemon=True).start()
         else:
             self._prepare(p)
@@ -95,7 +87,7 @@ class Player(WaamNode):
             self.get_logger().info(f'not published: {name}: {why}')
         begin = self._playlist.first_ns + round(p.start * 1e9)
         self._chosen = chosen
-        self._play_time = PlayClock(begin, p.rate, p.paused, time.monotonic() + p.wait)
+        self._play_time = PlayClock(begin, p.rate, p.paused, time.monotonic() + WAIT_S)
         self._published = self._steps = 0
         self._jump(begin)
         for name, work in (('pause', self._pause), ('resume', self._resume), ('step', self._step)):
@@ -103,8 +95,7 @@ class Player(WaamNode):
         self.create_subscription(Float64, '~/seek', self._on_seek, 10)
         self.create_subscription(Float64, '~/rate', self._on_rate, 10)
         self.create_timer(0.002, self._advance, clock=self.steady)
-        if p.clock:
-            self.create_timer(1.0 / p.clock_rate, self._tick, clock=self.steady)
+        self.create_timer(CLOCK_S, self._tick, clock=self.steady)
 
     def _jump(self, at_ns: int) -> None:
         """Continues at a recorded time; latched topics get what they held there."""
