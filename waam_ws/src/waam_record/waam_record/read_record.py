@@ -44,16 +44,13 @@ def refuse_gone() -> NoReturn:
 
 @dataclass
 class Exchange:
-    """One call of a service. Times in ns. kind: key of SERVICES; data, answer: the events as they were recorded."""
+    """One call of a service. Times in ns."""
 
-    kind: str
     request: Any
     at_ns: int  # publication of the request event, wall time
     ros_ns: int  # ROS time at the server
-    data: bytes = b''
     response: Any = None
     answered_ns: int = 0  # publication of the answer
-    answer: bytes = b''
 
 
 @dataclass
@@ -61,7 +58,6 @@ class Record:
     """Everything of one recording that is computed again or compared."""
 
     path: Path
-    frames: list[tuple[int, bytes]] = field(default_factory=list)  # publication time, Telemetry
     stamps: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # ns of the telemetry
     positions: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # m, telemetry
     batches: list[tuple[int, bytes]] = field(default_factory=list)  # publication time, ProfileBatch
@@ -131,6 +127,7 @@ class _Reader:
     def __init__(self, record: Record, tick: Callable[[int], None]) -> None:
         self.record, self.tick = record, tick
         self.decoder = Decoder()
+        self._frames: list[tuple[int, bytes]] = []
         self._open: dict[tuple[str, int], Exchange] = {}
         self._seen: set[tuple[str, int, int]] = set()
 
@@ -150,7 +147,7 @@ class _Reader:
     def _take(self, name: str, schema: Schema) -> Take | None:
         """What becomes of the messages of a topic; None: nothing."""
         last = name.rpartition('/')[2]
-        raw = {'telemetry': self.record.frames, 'profiles': self.record.batches}
+        raw = {'telemetry': self._frames, 'profiles': self.record.batches}
         if (kept := raw.get(last)) is not None:
             check_layout(schema.name, schema.data)
             return lambda m, _: kept.append((m.publish_time, m.data))
@@ -180,20 +177,19 @@ class _Reader:
             stamp = event.info.stamp
             if event.info.event_type == REQUEST and len(event.request):
                 ros_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
-                exchange = Exchange(key, event.request[0], m.publish_time, ros_ns, m.data)
+                exchange = Exchange(event.request[0], m.publish_time, ros_ns)
                 self._open[call_id] = exchange
                 self.record.calls[key].append(exchange)
             elif event.info.event_type == RESPONSE and call_id in self._open:
                 exchange = self._open.pop(call_id)
-                exchange.response, exchange.answer = event.response[0], m.data
-                exchange.answered_ns = m.publish_time
+                exchange.response, exchange.answered_ns = event.response[0], m.publish_time
 
         return take
 
     def finish(self) -> None:
         record = self.record
-        record.frames.sort(key=lambda f: f[0])
-        record.stamps, record.positions = cdr.read_poses([data for _, data in record.frames])
+        self._frames.sort(key=lambda f: f[0])
+        record.stamps, record.positions = cdr.read_poses([data for _, data in self._frames])
         record.batches.sort(key=lambda b: b[0])
         for calls in record.calls.values():
             calls.sort(key=lambda c: c.at_ns)
