@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .bag_copy import messages
 from .bag_reader import bag_files
-from .bag_writer import BagError, BagWriter
+from .bag_writer import BagError, BagWriter, Topic
 from .log_column import QOS, Column
 
 Progress = Callable[[int], None]
@@ -63,7 +63,7 @@ def read_bag(path: Path) -> list[Column]:
         try:
             convert([path], made, 'mcap', 9, None, 'file', jazzy, target, (), (), (), ())
             found: dict[str, list[tuple[int, bytes]]] = {}
-            topics = {}
+            topics: dict[str, Topic] = {}
             for topic, message in messages(bag_files(made)):
                 topics.setdefault(topic.name, topic)
                 found.setdefault(topic.name, []).append((message.log_time, message.data))

@@ -118,7 +118,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         verb.set_defaults(run_command=lambda args, run=run: _guarded(run, args))
 
 
-def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], int], str, str, dict[str, Any]]]:
+def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[str, Any]]]:
     """Name -> what it does, one line of help, its page, its options."""
     return {
         'fuse': (fuse, 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG, {
@@ -190,7 +190,7 @@ def _cell_mm(text: str) -> float:
     return value
 
 
-def _guarded(action: Callable[[argparse.Namespace], Any], args: argparse.Namespace) -> int:
+def _guarded(action: Callable[[argparse.Namespace], None], args: argparse.Namespace) -> int:
     """Exit status: 0, or 1 with the reason on stderr in one line."""
     try:
         action(args)

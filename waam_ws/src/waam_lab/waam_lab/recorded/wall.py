@@ -161,7 +161,7 @@ def read_laser(path: Path, left_out: list[str]) -> LaserScan:
         raise RecordError(f'{path.name}: no profile in it')
     stamps = np.array([f[1] for f in good], np.int64)
     start = stamps[0] // round(HOUR * 1e9) * round(HOUR * 1e9)
-    x, z = (_stack([f[k] for f in good]) for k in (2, 3))
+    x, z = _stack([f[2] for f in good]), _stack([f[3] for f in good])
     return LaserScan((stamps - start) * 1e-9, x * 1e-3, z * 1e-3)
 
 
@@ -308,8 +308,8 @@ def grid_of(scans: list[RecordedScan], cell: float, shift: tuple[float, float]) 
     y = np.concatenate([s.track.positions[:, 1] for s in scans]) + shift[1]
     lateral = scans[0].laser.x[np.isfinite(scans[0].laser.x)]
     left, right = np.percentile(lateral, [1, 99])
-    low = (float(np.floor(v / cell) * cell) for v in (x.min(), y.min() + left))
-    return GridSpec.covering(*low, float(x.max()), float(y.max() + right), cell)
+    x0, y0 = (float(np.floor(v / cell) * cell) for v in (x.min(), y.min() + left))
+    return GridSpec.covering(x0, y0, float(x.max()), float(y.max() + right), cell)
 
 
 def find_bead(before: FusedMap, after: FusedMap) -> Bead:

@@ -111,11 +111,9 @@ def remarks(result: Calibration) -> list[str]:
 
 def draw(path: Path, result: Calibration, artefact: Artefact) -> None:
     """Residuals over the artefact, their distribution, and the correlation of the parameters."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 4.4), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 3, width_ratios=[1.5, 1.1, 1.2])
     _residual_map(figure, axes[0], result, artefact)
     um = result.residuals * 1e6

@@ -132,11 +132,9 @@ def summary(m: Missing, nominal: str, scan: str, aligned: Registration | None) -
 
 def draw(path: Path, m: Missing, title: str) -> None:
     """Missing metal from above (blue = to add, red = too much) and a section through the deepest place."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 7.5), layout='constrained')
-    FigureCanvasAgg(figure)
     top, below = figure.subplots(2, 1, height_ratios=[3, 1.4])
     limit = max(1e3 * m.deepest, 0.1)
     top.set_facecolor('0.75')

@@ -22,21 +22,18 @@ def save_png(
     limits_mm: colour range; None = 1st to 99th percentile. filled: (rows, cols) mask of cells that were filled in,
     hatched.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    extent = [v * 1e3 for v in spec.extent]
-    width, height = extent[1] - extent[0], extent[3] - extent[2]
-    tall = max(2.5, min(9.0, 8.0 * height / width))
+    x0, x1, y0, y1 = (v * 1e3 for v in spec.extent)
+    tall = max(2.5, min(9.0, 8.0 * (y1 - y0) / (x1 - x0)))
     figure = Figure(figsize=(10, tall + 1), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots()
     if limits_mm is None:
         known = z[np.isfinite(z)] * 1e3
         limits_mm = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
     axes.set_facecolor('0.75')
     image = axes.imshow(
-        np.ma.masked_invalid(z * 1e3), origin='lower', extent=extent, cmap='viridis',
+        np.ma.masked_invalid(z * 1e3), origin='lower', extent=(x0, x1, y0, y1), cmap='viridis',
         vmin=limits_mm[0], vmax=limits_mm[1], interpolation='nearest', aspect='equal',
     )  # fmt: skip
     if filled is not None and filled.any():
@@ -53,6 +50,8 @@ def save_ply(path: Path, spec: GridSpec, z: np.ndarray) -> None:
 
     Unknown cells stay holes.
     """
+    import trimesh
+
     known = np.isfinite(z)
     x, y = np.meshgrid(spec.x, spec.y)
     vertices = np.column_stack([x[known], y[known], z[known]]).astype('<f4') * np.float32(1e3)
@@ -60,14 +59,6 @@ def save_ply(path: Path, spec: GridSpec, z: np.ndarray) -> None:
     number[known] = np.arange(len(vertices))
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     full = (a >= 0) & (b >= 0) & (c >= 0) & (d >= 0)
-    triangles = np.concatenate(
-        [np.column_stack([p[full] for p in corners]) for corners in ((a, b, c), (a, c, d))]
-    )
-    faces = np.empty(len(triangles), dtype=[('n', 'u1'), ('i', '<i4', (3,))])
-    faces['n'], faces['i'] = 3, triangles
-    header = (
-        'ply\nformat binary_little_endian 1.0\ncomment millimetres, +z up\n'
-        f'element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n'
-        f'element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n'
-    )
-    Path(path).write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
+    triangles = [np.column_stack([p[full] for p in corners]) for corners in ((a, b, c), (a, c, d))]
+    mesh = trimesh.Trimesh(vertices, np.concatenate(triangles), process=False)
+    mesh.export(path, file_type='ply')
