@@ -23,13 +23,8 @@ LAYER_NAMES = {  # column -> field of a LayerReport; all others have the same na
     'height_error_mean_m': 'height_error_mean',
 }  # fmt: skip
 READ = {
-    'text': text,
-    'int': integer,
-    'float': number,
-    'bool': truth,
-    'floats': numbers,
-    'time': moment,
-}
+    'text': text, 'int': integer, 'float': number, 'bool': truth, 'floats': numbers, 'time': moment,
+}  # fmt: skip
 
 
 def _read(table: str, data: dict[str, Any], fields: dict[str, str] | None = None) -> Row:

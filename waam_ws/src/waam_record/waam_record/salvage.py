@@ -22,26 +22,14 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 
 MAGIC = b'\x89MCAP0\r\n'
 BROKEN = (
-    McapError,
-    struct.error,
-    zstandard.ZstdError,
-    EOFError,
-    UnicodeDecodeError,
-    ValueError,
-    KeyError,
-    MemoryError,
-    OverflowError,
-    RuntimeError,
-)
+    McapError, struct.error, zstandard.ZstdError, EOFError, UnicodeDecodeError, ValueError, KeyError, MemoryError,
+    OverflowError, RuntimeError,
+)  # fmt: skip
 HEAD = struct.Struct('<BQ')  # opcode and length of every record
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 2, 3, 4, 5, 6, 12, 15
 _KINDS: dict[int, Any] = {
-    SCHEMA: Schema,
-    CHANNEL: Channel,
-    MESSAGE: Message,
-    METADATA: Metadata,
-    FOOTER: Footer,
-}
+    SCHEMA: Schema, CHANNEL: Channel, MESSAGE: Message, METADATA: Metadata, FOOTER: Footer,
+}  # fmt: skip
 FOOTER_SIZE = 8 + 8 + 4
 LARGEST = 1 << 30  # bytes of a chunk, unpacked
 _CHUNK_TIMES = 8 + 8 + 8 + 4  # bytes of a chunk before the name of its compression
