@@ -61,7 +61,20 @@ def read_bag(path: Path) -> list[Column]:
     with tempfile.TemporaryDirectory(prefix='waam_import_') as scratch:
         made = Path(scratch) / 'bag'
         try:
-            convert([path], made, 'mcap', 9, None, 'file', jazzy, target, (), (), (), ())
+            convert(
+                [path],
+                made,
+                'mcap',
+                9,
+                compress=None,
+                compress_mode='file',
+                default_typestore=jazzy,
+                typestore=target,
+                exclude_topics=(),
+                include_topics=(),
+                exclude_msgtypes=(),
+                include_msgtypes=(),
+            )
             found: dict[str, list[tuple[int, bytes]]] = {}
             topics: dict[str, Topic] = {}
             for topic, message in messages(bag_files(made)):
