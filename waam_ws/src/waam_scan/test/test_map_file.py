@@ -47,7 +47,7 @@ def test_many_bad_ones_are_counted_not_listed():
 
 def test_info_names_a_bad_file_and_goes_on(tmp_path, capsys):
     good, bad = tmp_path / 'good.npy', tmp_path / 'bad.csv'
-    np.save(good, np.random.default_rng(0).uniform(size=(50, 3)))
+    np.save(good, np.random.default_rng(0).uniform(size=(500, 3)))
     bad.write_text('dust')
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers())
@@ -58,7 +58,7 @@ def test_info_names_a_bad_file_and_goes_on(tmp_path, capsys):
 
     assert run('info', bad, good) == 0
     said = capsys.readouterr()
-    assert 'cloud of 50 points' in said.out and f'left out: {bad}' in said.err
+    assert 'cloud of 500 points' in said.out and f'left out: {bad}' in said.err
     assert 'waam record import' in said.err and '1 file left out' in said.err
     assert run('info', bad) == 1
     assert capsys.readouterr().err.count('\n') == 1

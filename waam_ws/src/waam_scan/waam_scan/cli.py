@@ -28,12 +28,14 @@ examples:
   waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
   waam scan fuse wall.pcd --cell 0.5 --fill 2
+
 What is bad is left out by name and the rest goes on: a profile of one point, a scan without returns, telemetry or
 motion. Each is said with file, profile (counted from 0) and reason, with the count at the end. Only when nothing is
 left it fails.
 
 A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
-area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture. """
+area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture.
+"""
 PICTURE_EPILOG = """\
 examples:
   waam scan picture jobs/latest/layers/scan_003.npz                  writes scan_003.png beside it
