@@ -1,9 +1,8 @@
-"""A recorded job computed again, offline and by the nodes in lock-step.
+"""A recorded job computed again.
 
 replay.speed: machine seconds of the record per second of reading and computing (baseline: what is asked for);
 replay.identical: share of maps, psi and sets of setpoints that equal the record to the last bit, 0 when two runs differ
-from each other (baseline: all);
-replay.lockstep_identical: the same for the nodes on a graph of their own.
+from each other (baseline: all).
 
 BENCH_REPLAY_JOB: folder of a recorded job; without it two layers of the demo part are laid first (one
 minute).
@@ -13,7 +12,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import subprocess
 import sys
 import tempfile
 from functools import cache
@@ -24,7 +22,7 @@ from lib.emit import emit
 from lib.limit import within
 from lib.preset import preset
 
-JOB_S, LOCKSTEP_S, OFFLINE_S = 600.0, 180.0, 300.0  # the longest wait for each part, wall time
+JOB_S, OFFLINE_S = 600.0, 300.0  # the longest wait for each part, wall time
 
 
 @cache
@@ -57,20 +55,7 @@ def offline() -> None:
     emit('replay.identical', found / total if same else 0.0, '1', f'all {total} of the record', 1.0)
 
 
-def lockstep() -> None:
-    command = [sys.executable, '-m', 'waam_bringup.cli', 'replay', 'play', '--lockstep']
-    done = subprocess.run(
-        [*command, str(recorded_job())],
-        stdout=subprocess.PIPE, text=True, check=False, timeout=LOCKSTEP_S,
-    )  # fmt: skip
-    print(done.stdout, file=sys.stderr)
-    rows = [line.split() for line in done.stdout.splitlines() if line.endswith('identical')]
-    good, asked = (sum(int(row[i]) for row in rows) for i in (1, 3))
-    emit('replay.lockstep_identical', good / asked if asked else 0.0, '1', f'all {asked}', 1.0)
-
-
 FIGURES = {
     'replay.speed': offline,
     'replay.identical': offline,
-    'replay.lockstep_identical': lockstep,
 }

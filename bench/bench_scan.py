@@ -20,9 +20,9 @@ from lib.emit import emit
 
 from waam_process.grid import GridSpec
 from waam_scan.fusion.height_map import Fusion
-from waam_scan.stream.assembler import Assembler
 from waam_scan.stream.poses import PoseTrack
 from waam_scan.stream.profiles import ProfileBlock
+from waam_scan.stream.session import Session
 from waam_scan.transform import Mounting
 
 GRID = GridSpec(0.0, 0.0, 0.2e-3, 512, 512)
@@ -57,12 +57,12 @@ def core(batches: int) -> float:
     stamps = (np.arange(batches * BATCH) * (1e9 / RATE)).astype(np.int64)
     track = pose_track(batches * BATCH / RATE)
     fusion = Fusion(GRID, Mounting(np.array([0.0, 0.0, 0.11])), threads=2)
-    assembler = Assembler(fusion, track, max_waiting=10**6)
+    session = Session(fusion, track, max_waiting=10**6)
     began = time.perf_counter()
     for part in stamps.reshape(batches, BATCH):
-        assembler.add(ProfileBlock(part, x, z))
+        session.add(ProfileBlock(part, x, z))
     took = time.perf_counter() - began
-    assert assembler.counts.used == batches * BATCH, assembler.counts
+    assert session.counts.used == batches * BATCH, session.counts
     return fusion.points / took
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 from pathlib import Path
@@ -13,7 +12,6 @@ import trimesh
 
 from waam_msgs.action import RunJob
 from waam_msgs.msg import JobStatus, MachineState
-from waam_node.testing import fresh_domain
 from waam_process import materials
 from waam_process.learned import Taught, nothing, parse
 
@@ -139,29 +137,6 @@ def test_offline_replay_reproduces_every_map_psi_and_setpoint(done):
         'setpoints': (laid, laid),
     }
     assert tune(done).digest == again.digest
-
-
-def test_lockstep_replay_by_the_nodes_reproduces_every_published_map_and_psi(done, capsys):
-    domain = str(fresh_domain())
-    args = replay_arguments(['replay', 'play', str(done), '--lockstep', '--domain', domain])
-    code = args.run_command(args)
-    out = capsys.readouterr().out
-    scans, laid = len(list((done / 'layers').glob('*.npz'))), len(LAYERS)
-    for line in (
-        f'maps: {scans} of {scans}',
-        f'psi: {laid} of {laid}',
-        f'setpoints: {laid} of {laid}',
-    ):
-        assert f'{line} identical' in out, out
-    assert code == 0
-
-
-def replay_arguments(words: list[str]) -> argparse.Namespace:
-    from waam_replay import cli
-
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    return parser.parse_args(words)
 
 
 def test_recording_for_the_viewer_and_page_exist(done):

@@ -19,6 +19,8 @@ FIRST, LAST, AXIS = 0.015, 0.065, 0.04  # m, x of the ends of the simulated wall
 ROW, ACROSS = 1e-3, 1e-4  # m, between profiles, and between heights of a section
 HALF = 6e-3  # m, half of the section that is looked at
 NEAR = 15e-3  # m from the axis, where the plate is looked at
+CROWN = 1.2e-3  # m, half width of the parabola that is fitted to the crown
+STRIP = (6e-3, 14e-3)  # m from the axis, where the plate beside the wall is seen
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,9 @@ class Section:
 
 def recorded(folder: Path) -> tuple[list[np.ndarray], list[Pass]]:
     """Points (n, m, 3) of the scans after layers 1 to 3, about the axis of the wall, and what the log says of it."""
-    from waam_scan.recordings import files, wall
-    from waam_scan.recordings.wall_maps import fuse_wall
+    from waam_lab.recorded import wall
 
-    log = files.read_arc_log(folder / 'arc_log.csv')
-    lasers = [
-        files.read_laser_csv(folder / f'LaserCoordinate{k}.csv') for k in range(1, LAYERS + 2)
-    ]
-    made = fuse_wall(lasers, log, 5e-4)
+    made, log = wall.read_wall(folder, 5e-4)
     points = [wall.profile_points(s, made.shift) for s in made.scans]
     for p in points:
         p[..., 1] -= made.bead.axis
@@ -128,10 +125,23 @@ def _scan(drive, low: float) -> np.ndarray:
     return out
 
 
+def crown(y: np.ndarray, z: np.ndarray) -> float:
+    """Highest value (m) of a parabola fitted to points (n,) across the crown, without points further than four robust
+    standard deviations. NaN with fewer than eight points."""
+    use = np.ones(len(y), bool)
+    for _ in range(3):
+        if use.sum() < 8:
+            return np.nan
+        p = np.polyfit(y[use], z[use], 2)
+        residual = np.abs(z - np.polyval(p, y))
+        use = residual <= 4 * 1.4826 * np.median(residual[use]) + 1e-9
+    low, high = float(y[use].min()), float(y[use].max())
+    top = float(np.clip(-p[1] / (2 * p[0]), low, high)) if p[0] < 0 else (low if p[1] < 0 else high)
+    return float(np.polyval(p, top))
+
+
 def sections(points: np.ndarray) -> Section:
     """Of every profile in which the wall is seen, by x."""
-    from waam_scan.recordings.bead import CROWN, STRIP, crown
-
     rows = []
     at = np.arange(-HALF, HALF, ACROSS) + 0.5 * ACROSS
     for profile in points:
@@ -144,7 +154,7 @@ def sections(points: np.ndarray) -> Section:
         if near.sum() < 8 or beside.sum() < 20:
             continue
         base = float(np.median(p[beside, 2]))
-        top, _ = crown(p[near, 1] / CROWN, p[near, 2])
+        top = crown(p[near, 1] / CROWN, p[near, 2])
         h = np.maximum(np.interp(at, p[:, 1], p[:, 2]) - base, 0.0)
         over = at[h > 0.5 * (top - base)]
         if top - base < 8e-4 or not over.size:

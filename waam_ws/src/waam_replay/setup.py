@@ -13,6 +13,6 @@ setup(
     entry_points={'console_scripts': ['player = waam_replay.player_node:main']},
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
-    description='Computes a recorded job again: offline through the pure cores, or on the graph in lock-step',
+    description='Computes a recorded job again through the pure cores, or plays it to a graph',
     license='Apache-2.0',
 )

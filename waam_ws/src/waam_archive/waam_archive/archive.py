@@ -17,17 +17,8 @@ from .store import Store, literal
 Row = dict[str, Any]
 Answer = TypeVar('Answer')
 SEARCHED = (
-    'job',
-    'name',
-    'part',
-    'material',
-    'operator',
-    'wire_lot',
-    'gas',
-    'verdict',
-    'message',
-    'cell',
-)
+    'job', 'name', 'part', 'material', 'operator', 'wire_lot', 'gas', 'verdict', 'message', 'cell',
+)  # fmt: skip
 
 
 # report and job without the names of their entries, or `arc` would be found in every report ("arc_on_s": ...)

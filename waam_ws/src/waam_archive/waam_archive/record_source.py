@@ -4,7 +4,6 @@ is NULL."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Channel, Message, Schema
 
 from waam_node import cdr, job_folder
 from waam_process.loop_mode import with_loop_mode
@@ -21,7 +19,7 @@ from waam_process.safe_files import FileError, parse_yaml
 from waam_record.bag_reader import bag_files, info
 from waam_record.bag_writer import BagError
 from waam_record.decode import DecodeError, Decoder
-from waam_record.salvage import Damage, records
+from waam_record.salvage import messages
 
 from .beads import Paths, bead_rows
 from .content import Content, Surface
@@ -86,48 +84,22 @@ def read(path: Path) -> Content:
 
 
 def _read_file(file: Path, found: _Found) -> None:
-    schemas: dict[int, Schema] = {}
-    take: dict[int, Callable[[Message], None]] = {}
     seen: set[tuple[int, int, int]] = set()
-    for item in records(file):
-        if isinstance(item, Message):
-            found.first_ns = found.first_ns or item.log_time
-            if reader := take.get(item.channel_id):
-                reader(item)
-        elif isinstance(item, Schema):
-            schemas[item.id] = item
-        elif isinstance(item, Channel):
-            _channel(item, schemas, take, found, seen)
-        elif isinstance(item, Damage):
-            found.notes.append(f'{file}: {item}')
-
-
-def _channel(
-    channel: Channel,
-    schemas: dict[int, Schema],
-    take: dict[int, Callable[[Message], None]],
-    found: _Found,
-    seen: set[tuple[int, int, int]],
-) -> None:
-    """Chooses what becomes of the messages of a channel."""
-    topic = channel.topic.rpartition('/')[2]
-    schema = schemas.get(channel.schema_id)
-    if topic == 'telemetry':
-        take[channel.id] = lambda m: found.frames.append(m.data)
-    elif topic in DECODED and schema is not None:
-
-        def decode(m: Message) -> None:
-            key = m.channel_id, m.publish_time, m.sequence
-            if key in seen:  # a split repeats latched messages
-                return
-            seen.add(key)
-            try:
-                decoder = _decoder(schema.name, schema.data)
-                found.messages[topic].append((m.publish_time, decoder.message(schema.name, m.data)))
-            except (DecodeError, UnicodeDecodeError) as e:
-                found.notes.append(f'{topic}: a message was left out ({e})')
-
-        take[channel.id] = decode
+    for channel, schema, m in messages(file, found.notes):
+        found.first_ns = found.first_ns or m.log_time
+        topic = channel.topic.rpartition('/')[2]
+        if topic == 'telemetry':
+            found.frames.append(m.data)
+            continue
+        key = m.channel_id, m.publish_time, m.sequence
+        if topic not in DECODED or not schema.id or key in seen:  # a split repeats latched messages
+            continue
+        seen.add(key)
+        try:
+            decoder = _decoder(schema.name, schema.data)
+            found.messages[topic].append((m.publish_time, decoder.message(schema.name, m.data)))
+        except (DecodeError, UnicodeDecodeError) as e:
+            found.notes.append(f'{topic}: a message was left out ({e})')
 
 
 @lru_cache(maxsize=64)

@@ -12,6 +12,7 @@ from waam_process.loop_mode import LOOP_MODES, with_loop_mode
 from waam_process.names import SEVERITIES
 
 from .content import Row
+from .schema import TABLES
 from .values import dicts, integer, mapping, moment, number, numbers, ratio, text, truth
 
 LAYER_NAMES = {  # column -> field of a LayerReport; all others have the same name
@@ -21,11 +22,15 @@ LAYER_NAMES = {  # column -> field of a LayerReport; all others have the same na
     'height_error_rms_m': 'height_error_rms', 'height_error_max_m': 'height_error_max',
     'height_error_mean_m': 'height_error_mean',
 }  # fmt: skip
-LAYER_SAME = ('coverage', 'psi_mean', 'k_gain', 'heat_factor', 'flow_factor', 'cost')
-LAYER_COUNTS = (
-    'layer', 'pass_number', 'arc_starts', 'segments', 'clamps_speed', 'clamps_feed', 'clamps_voltage',
-    'clamps_psi', 'points_dropped', 'telemetry_lost', 'faults',
-)  # fmt: skip
+READ = {
+    'text': text, 'int': integer, 'float': number, 'bool': truth, 'floats': numbers, 'time': moment,
+}  # fmt: skip
+
+
+def _read(table: str, data: dict[str, Any], fields: dict[str, str] | None = None) -> Row:
+    """The columns of a table out of a mapping of anybody's, each by its kind. fields: those with another name there."""
+    named = fields or {}
+    return {c.name: READ[c.kind](data.get(named.get(c.name, c.name))) for c in TABLES[table]}
 
 
 @dataclass
@@ -70,12 +75,7 @@ def layer_rows(job: str, told: Told) -> list[Row]:
 
 def layer_row(job: str, r: dict[str, Any]) -> Row:
     """r: a LayerReport by its field names."""
-    row: Row = {'job': job, 'final': truth(r.get('final')), 'law': text(r.get('law'))}
-    row |= {column: number(r.get(name)) for column, name in LAYER_NAMES.items()}
-    row |= {name: number(r.get(name)) for name in LAYER_SAME}
-    row |= {name: integer(r.get(name)) for name in LAYER_COUNTS}
-    flags = ('correction_applied', 'fallback')
-    return row | {name: truth(r.get(name)) for name in flags}
+    return _read('layers', r, LAYER_NAMES) | {'job': job}
 
 
 def anomaly_rows(job: str, told: Told) -> list[Row]:
@@ -89,14 +89,10 @@ def anomaly_row(job: str, n: int, a: dict[str, Any]) -> Row:
     severity = a.get('severity')
     if isinstance(severity, int) and 0 <= severity < len(SEVERITIES):
         severity = SEVERITIES[severity]
-    place = numbers(a.get('position')) or []
-    x, y, z = (*place, None, None, None)[:3]
-    return {
-        'job': job, 'number': n, 'layer': integer(a.get('layer')), 'bead': integer(a.get('bead')),
-        'time_s': number(a.get('time')), 'x_m': x, 'y_m': y, 'z_m': z, 'severity': text(severity),
-        'class_name': text(a.get('class')) or text(a.get('class_name')), 'text': text(a.get('text')),
-        'reaction': text(a.get('reaction')),
-    }  # fmt: skip
+    x, y, z = (*(numbers(a.get('position')) or []), None, None, None)[:3]
+    own = {'job': job, 'number': n, 'severity': text(severity), 'x_m': x, 'y_m': y, 'z_m': z}
+    names = {'time_s': 'time', 'class_name': 'class' if text(a.get('class')) else 'class_name'}
+    return _read('anomalies', a, names) | own
 
 
 def calibration_row(job: str, told: Told) -> list[Row]:
@@ -105,12 +101,8 @@ def calibration_row(job: str, told: Told) -> list[Row]:
     if not c:
         return []
     mounting = mapping(c.get('mounting'))
-    row = {k: text(c.get(k)) for k in ('file', 'date', 'sha256', 'artefact', 'trouble')}
-    mount = {
-        'mount_xyz_m': numbers(mounting.get('mount_xyz')),
-        'mount_rpy_rad': numbers(mounting.get('mount_rpy')),
-    }
-    return [{'job': job, 'age_days': number(c.get('age_days')), **row, **mount}]
+    mount = {k: numbers(mounting.get(k[: k.rindex('_')])) for k in ('mount_xyz_m', 'mount_rpy_rad')}
+    return [_read('calibration', c) | mount | {'job': job}]
 
 
 def consumable_rows(job: Row, told: Told) -> list[Row]:

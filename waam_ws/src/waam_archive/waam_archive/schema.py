@@ -150,10 +150,7 @@ _CONSUMABLES = [
     ),
     *_columns('float', used_m='wire fed', used_kg='wire fed', used_s='time with a burning arc'),
 ]
-_REPORTS = [
-    JOB,
-    *_columns('text', report='report.json as it was', asked='job.yaml as it was'),
-]
+_REPORTS = [JOB, *_columns('text', report='report.json as it was', asked='job.yaml as it was')]
 _TELEMETRY = [
     JOB,
     *_columns(

@@ -8,12 +8,10 @@ from waam_bridge.frames import Telemetry
 from waam_msgs.msg import HeightMap
 from waam_process.grid import GridSpec
 from waam_scan.conversions import map_to_msg
-from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.stream.assembler import Assembler
-from waam_scan.stream.poses import PoseTrack
+from waam_scan.map_maker import MapMaker
 from waam_scan.stream.profiles import ProfileBlock
-from waam_scan.stream.session import LaidBeads, PreviousMap, Session, Surfaces
+from waam_scan.stream.session import LaidBeads, Session
 from waam_sim.plant import Profiles
 
 from .machine import Machine
@@ -29,12 +27,12 @@ class Scanning:
     """One scan at a time: `begin`, then time passes, then `finish`. `warnings` collects doubts about maps."""
 
     def __init__(self, params: FusionParams, machine: Machine) -> None:
-        self.params, self.machine, self.plant = params, machine, machine.plant
-        self.track = PoseTrack(max(2, int(params.telemetry_seconds * params.telemetry_rate)))
+        self.machine, self.plant = machine, machine.plant
+        self._maker = MapMaker(params, threads=1)
+        self.track = self._maker.track
         self.warnings: list[str] = []
         self._lateral = np.asarray(self.plant.scanner.lateral, np.float32)
         self._session: Session | None = None
-        self._surfaces = Surfaces()
         self._last: tuple[str, int] = ('', -1)
         self._waiting: list[Profiles] = []
         self._count = 0  # of profiles that wait
@@ -53,14 +51,11 @@ class Scanning:
             self._hand_over()
 
     def begin(self, job_id: str, layer: int, spec: GridSpec, laid: LaidBeads) -> int:
-        """Number of the scan. GridError when the grid is larger than allowed."""
-        p = self.params
+        """Number of the scan."""
         job, last = self._last
         scan_id = last + 1 if job == job_id else 0
-        fusion = Fusion(spec, p.mounting, p.fusion, 1)
-        gap, earliest = round(p.max_gap * 1e9), self.machine.time_us * 1000
-        assembler = Assembler(fusion, self.track, gap, p.max_waiting, earliest, p.intensity)
-        self._session = Session(job_id, layer, scan_id, assembler, laid, self.machine.now)
+        earliest = self.machine.time_us * 1000
+        self._session = self._maker.begin(job_id, layer, scan_id, spec, earliest, laid)
         self._last = (job_id, scan_id)
         self.plant.scanning = True
         return scan_id
@@ -79,18 +74,17 @@ class Scanning:
         return self._fuse(session)
 
     def _resolved(self, session: Session) -> bool:
-        session.assembler.resolve()
-        return session.assembler.waiting == 0
+        session.resolve()
+        return session.waiting == 0
 
     def _hand_over(self) -> None:
         if self._session is None or not self._waiting:
             return
         times = np.concatenate([p.time_us for p in self._waiting]).astype(np.int64)
         z = np.concatenate([p.z for p in self._waiting])
-        light = np.concatenate([p.intensity for p in self._waiting])
         self._forget()
         x = np.broadcast_to(self._lateral, z.shape)
-        self._session.add(self._batches, ProfileBlock(times * 1000, x, z, light))
+        self._session.add_batch(self._batches, ProfileBlock(times * 1000, x, z))
         self._batches += 1
 
     def _forget(self) -> None:
@@ -98,15 +92,10 @@ class Scanning:
         self._count = 0
 
     def _fuse(self, session: Session) -> HeightMap:
-        fused = session.close()
-        if fused.points_used == 0:
-            raise ScanError(f'empty map: {session.assembler.why_empty()}')
-        doubts = session.doubts(fused, self._surfaces.last, self.params.plausibility)
-        width = session.width(fused, self._surfaces)
-        if doubts:
-            text = f'map {session.scan_id} is not plausible: {"; ".join(doubts)}'
+        found = self._maker.finish(session)
+        if found.empty:
+            raise ScanError(found.doubts[0])
+        if found.doubts:
+            text = f'map {session.scan_id} is not plausible: {"; ".join(found.doubts)}'
             self.warnings.append(text)
-        else:
-            seen = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
-            self._surfaces.add(seen)
-        return map_to_msg(session, fused, doubts, width)
+        return map_to_msg(session, found)

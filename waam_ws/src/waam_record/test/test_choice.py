@@ -2,7 +2,7 @@
 
 import pytest
 
-from waam_record.choice import Choice, ChoiceError, is_hidden
+from waam_record.choice import Choice, ChoiceError
 
 TEMPERATURE = ['sensor_msgs/msg/Temperature']
 STRING = ['std_msgs/msg/String']
@@ -11,7 +11,6 @@ STRING = ['std_msgs/msg/String']
 def test_everything_by_default_hidden_topics_included():
     assert Choice().wants('/a', STRING)
     assert Choice().wants('/x/_action/feedback', STRING)
-    assert is_hidden('/x/_action/feedback') and not is_hidden('/x/action_/a')
 
 
 def test_name_regex_or_type_choose():
@@ -23,9 +22,6 @@ def test_name_regex_or_type_choose():
 
 def test_exclusion_wins():
     assert not Choice(topics='/a', exclude='a').wants('/a', STRING)
-    assert not Choice(exclude_types='std_msgs/msg/String').wants('/a', STRING)
-    assert not Choice(hidden=False).wants('/x/_service_event', STRING)
-    assert Choice(hidden=False, topics='/x/_event').wants('/x/_event', STRING)
 
 
 def test_a_wrong_expression_is_named():

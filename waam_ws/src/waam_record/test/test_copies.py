@@ -12,7 +12,7 @@ from waam_record import cli
 from waam_record.bag_copy import Copy, Selection, convert, messages, qos_conflicts, type_conflicts
 from waam_record.bag_reader import bag_files, check, info
 from waam_record.bag_writer import BagError, BagWriter, Topic
-from waam_record.importing import import_logs
+from waam_record.importing import import_bag
 
 S = 10**9
 DATA = Path(__file__).parents[5] / 'shared/data/arc_logs'
@@ -149,23 +149,16 @@ def test_a_job_folder_stands_for_its_record(tmp_path, capsys):
     assert check(tmp_path / 'job/record_recovered').messages == 50
 
 
-@pytest.mark.parametrize(
-    ('name', 'text', 'message'),
-    [
-        ('a.dat', '[Connect DataFile]', 'no table'),
-        ('a.txt', '', 'neither of'),
-    ],
-)
-def test_bad_logs_are_named(tmp_path, name, text, message):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(BagError, match=message):
-        import_logs([tmp_path / name], tmp_path / 'out')
+def test_a_bag_that_is_none_is_named(tmp_path):
+    (tmp_path / 'a.bag').write_text('dust')
+    with pytest.raises(BagError, match='a.bag'):
+        import_bag(tmp_path / 'a.bag', tmp_path / 'out')
 
 
 @needs_data
 def test_ros1_bag_becomes_standard_messages(tmp_path):
     source = DATA / 'plate25_ros1.bag'
-    assert import_logs([source], tmp_path / 'out') == 4759
+    assert import_bag(source, tmp_path / 'out') == 4759
     with AnyReader([source]) as one, AnyReader([tmp_path / 'out']) as other:
         for a, b in zip(one.messages(), other.messages(), strict=True):
             assert (a[0].topic, a[1], a[0].msgtype) == (b[0].topic, b[1], b[0].msgtype)
@@ -184,12 +177,12 @@ def test_logs_of_the_same_weld(tmp_path):
     assert run('import', *paths, '--yes', '-o', tmp_path / 'out') == 0
     kinds = {n: t.type for n, t in info(tmp_path / 'out').topics.items()}
     assert kinds['/plate25_joint_states/joint_states'] == 'sensor_msgs/msg/JointState'
-    assert kinds['/pyro_plate19/ratio'] == 'sensor_msgs/msg/Temperature'
+    assert kinds['/pyro_plate19/tratio'] == 'sensor_msgs/msg/Temperature'
     with AnyReader([tmp_path / 'out']) as reader:
         hot = [
             reader.deserialize(raw, c.msgtype).temperature
             for c, _, raw in reader.messages()
-            if c.topic == '/pyro_plate19/process'
+            if c.topic == '/pyro_plate19/tproc'
         ]
     assert 930.8 in hot and min(hot) == 550.0
     frames = [m.data for t, m in messages(bag_files(tmp_path / 'out')) if t.name == '/telemetry']

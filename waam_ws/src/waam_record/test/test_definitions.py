@@ -3,13 +3,7 @@
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from waam_record.definitions import (
-    SEPARATOR,
-    DefinitionError,
-    ament_prefixes,
-    full_text,
-    needs,
-)
+from waam_record.definitions import SEPARATOR, DefinitionError, ament_prefixes, full_text, needs
 
 
 @pytest.mark.parametrize(

@@ -163,22 +163,25 @@ def test_pause_and_refusals(graph, tmp_path):
     assert info(tmp_path / 'record').topics['/telemetry'].messages == 1
 
 
-def test_choice_layers_and_parameters(graph, tmp_path):
-    """Only what is chosen; the next file after each layer, with its latched messages; the parameters of the nodes."""
+def test_choice_split_and_parameters(graph, tmp_path):
+    """Only what is chosen; the next file when it is asked for, with latched messages; the parameters of the nodes."""
     g = graph(
         'topics:=/height_map',
         'types:=waam_msgs/msg/JobStatus',
-        'split_layers:=1',
         'metadata_period:=1.0',
     )
     fill(g.node)
     other = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     status = g.node.create_publisher(JobStatus, 'any_name', EVENTS)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
-    for layer in (0, 1, 1, 2, 3, 3):
-        status.publish(JobStatus(layer=layer))
-        other.publish(Telemetry())
+    for count in (3, 1, 2):
+        if count < 3:
+            assert g.call(Record.Request.SPLIT).success
+        for _ in range(count):
+            status.publish(JobStatus())
+            other.publish(Telemetry())
         g.spin_until(lambda: True, 1)
+        time.sleep(0.3)
     found: dict = {}
     g.node.create_subscription(
         DiagnosticArray, '/diagnostics', lambda m: found.update(diagnosed(m)), 10
@@ -192,7 +195,7 @@ def test_choice_layers_and_parameters(graph, tmp_path):
     assert [info(f).topics['/any_name'].messages for f in listed.files] == [3, 1, 2]
     assert all(info(f).topics['/height_map'].messages == 1 for f in listed.files)
     parameters = json.loads(listed.custom_data['parameters.recorder'])
-    assert parameters['split_layers'] == 1 and listed.custom_data['version.mcap']
+    assert parameters['metadata_period'] == 1.0 and listed.custom_data['version.mcap']
 
 
 def longest_silence(g: Graph, act) -> float:

@@ -14,7 +14,7 @@ from waam_process.safe_files import FileError, is_file, parse_yaml, read_mapping
 
 from .bag_check import FileCheck, check_metadata
 from .bag_writer import BagError
-from .salvage import BROKEN, Damage, records
+from .salvage import BROKEN, Damage, messages, records
 
 
 @dataclass
@@ -81,15 +81,12 @@ def bag_files(path: Path) -> list[Path]:
 def messages_of(path: Path, name: str) -> list[bytes]:
     """Serialised messages of the topic with that last part of its name, in the order of the file; what is damaged is
     left out. Raises BagError when there is no recording."""
-    found: list[bytes] = []
-    for file in bag_files(path):
-        channels: set[int] = set()
-        for item in records(file):
-            if isinstance(item, Channel) and item.topic.rpartition('/')[2] == name:
-                channels.add(item.id)
-            elif isinstance(item, Message) and item.channel_id in channels:
-                found.append(item.data)
-    return found
+    return [
+        message.data
+        for file in bag_files(path)
+        for channel, _, message in messages(file, [])
+        if channel.topic.rpartition('/')[2] == name
+    ]
 
 
 def info(path: Path) -> Info:

@@ -10,24 +10,17 @@ class ChoiceError(ValueError):
     """A regular expression that is none; the text names it."""
 
 
-def is_hidden(topic: str) -> bool:
-    """ROS calls a topic hidden when a part of its name begins with an underscore (actions, service events)."""
-    return any(part.startswith('_') for part in topic.split('/'))
-
-
 @dataclass(frozen=True)
 class Choice:
     """Topics that are recorded. Lists are separated by blanks.
 
-    A topic is taken when topics, regex or types names it, or when all three are empty. The rest then leaves topics out.
+    A topic is taken when topics, regex or types names it, or when all three are empty; exclude then leaves topics out.
     """
 
     topics: str = ''  # names, with their leading slash
     regex: str = ''  # is looked for in names
     types: str = ''  # `package/msg/Name`
     exclude: str = ''  # is looked for in names
-    exclude_types: str = ''  # `package/msg/Name`
-    hidden: bool = True  # False = hidden topics are left out
 
     def __post_init__(self) -> None:
         for name in ('regex', 'exclude'):
@@ -41,11 +34,7 @@ class Choice:
 
     def wants(self, topic: str, types: list[str]) -> bool:
         """Whether the topic with these types (one, if all is well) is recorded."""
-        if not self.hidden and is_hidden(topic) and topic not in self.topics.split():
-            return False
         if self.exclude and re.search(self.exclude, topic):
-            return False
-        if set(types) & set(self.exclude_types.split()):
             return False
         if not (self.topics or self.regex or self.types):
             return True

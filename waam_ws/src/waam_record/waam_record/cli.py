@@ -6,6 +6,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from . import file_commands
 from .file_commands import error as _error
@@ -16,7 +17,7 @@ _EXAMPLES = """examples:
   waam record recover jobs/latest             saves what is whole in a recording that was cut off
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
   waam record merge monday tuesday -o both --compression none
-  waam record import run.bag pyrometer.dat -o run
+  waam record import run.bag -o run
   waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
   waam record import weld.csv --mapping mapping.yaml -o weld.mcap
   waam record run /tmp/record --types sensor_msgs/msg/Temperature      until Ctrl-C, like ros2 bag record
@@ -26,6 +27,14 @@ _EXAMPLES = """examples:
 A recording is a folder with MCAP files and metadata.yaml: `ros2 bag play FOLDER`, rosbags, Foxglove,
 PlotJuggler and rerun open it."""
 CHOICE = ('topics', 'types', 'regex', 'exclude')
+RUN: dict[str, dict[str, Any]] = {
+    '--topics': {'nargs': '+', 'default': [], 'metavar': 'NAME'},
+    '--types': {'nargs': '+', 'default': [], 'metavar': 'TYPE'},
+    '--regex': {'default': '', 'help': 'topics that it is found in'},
+    '--exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    '--split-mb': {'type': int, 'default': 2048},
+    '--split-time': {'type': float, 'default': 0.0, 'metavar': 'S'},
+}
 
 
 @dataclass(frozen=True)
@@ -56,12 +65,8 @@ def _register_run(verbs: argparse._SubParsersAction, graph: Graph) -> None:
     text = 'record the graph of a cell or ROS domain until Ctrl-C; all topics, or those that are chosen'
     run = verbs.add_parser('run', help=text, description=text)
     run.add_argument('directory', metavar='FOLDER', help='must not exist yet')
-    run.add_argument('--topics', nargs='+', default=[], metavar='NAME')
-    run.add_argument('--types', nargs='+', default=[], metavar='TYPE')
-    run.add_argument('--regex', default='', help='topics that it is found in')
-    run.add_argument('--exclude', default='', metavar='REGEX', help='not the topics it is found in')
-    run.add_argument('--split-mb', type=int, default=2048)
-    run.add_argument('--split-time', type=float, default=0.0, metavar='S')
+    for name, options in RUN.items():
+        run.add_argument(name, **options)
     graph.add_options(run)
     run.set_defaults(run_command=lambda args: _run(args, graph.domain(args)))
 

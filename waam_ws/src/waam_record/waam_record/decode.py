@@ -15,6 +15,28 @@ class DecodeError(ValueError):
     """A message that does not fit its definition; the text names the type."""
 
 
+# what `waam_node.cdr` reads without a definition, in its order; of telemetry the rest may be anything
+LAYOUTS = {
+    'waam_msgs/msg/ProfileBatch': (
+        'std_msgs/Header header, string sensor_id, uint32 sequence, uint32 profile_count, '
+        'uint32 points_per_profile, int64[] stamp_offsets_ns, float32[] x, float32[] z, float32[] intensity'
+    ),
+    'waam_msgs/msg/Telemetry': (
+        'std_msgs/Header header, uint64 controller_us, uint32 boot_id, uint32 sequence, uint8 state, '
+        'geometry_msgs/Point position'
+    ),
+}
+
+
+def check_layout(type_name: str, definition: bytes) -> None:
+    """DecodeError when a recording's own definition of a message is not the one of LAYOUTS."""
+    lines = definition.decode(errors='replace').split('\n=')[0].splitlines()
+    parts = [line.split('#')[0].split() for line in lines]
+    fields = ', '.join(' '.join(p) for p in parts if p and '=' not in p[-1])
+    if not (fields.replace('/msg/', '/') + ',').startswith(LAYOUTS[type_name] + ','):
+        raise DecodeError(f'{type_name} was recorded with other fields: {fields}')
+
+
 def alias(type_name: str) -> str:
     """The name by which rosbags registers a type; it puts `msg` into those of services."""
     package, kind, base = type_name.split('/')

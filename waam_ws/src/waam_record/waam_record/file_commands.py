@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from waam_node import job_folder
 
@@ -28,69 +28,64 @@ def recording(text: str) -> Path:
     return inside if not any(path.glob('*.mcap')) and any(inside.glob('*.mcap')) else path
 
 
+COPY: dict[str, dict[str, Any]] = {
+    '--compression': {'choices': ('zstd', 'lz4', 'none'), 'default': 'zstd'},
+    '--split-mb': {
+        'type': float,
+        'default': 0.0,
+        'help': 'next file above this size; 0 = one file',
+    },
+}
+PART: dict[str, dict[str, Any]] = {
+    '--topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
+    '--regex': {'default': '', 'help': 'only topics that this regular expression is found in'},
+    '--exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    '--start': {'type': float, 'default': 0.0, 'metavar': 'S', 'help': 'after the beginning'},
+    '--end': {
+        'type': float,
+        'default': float('inf'),
+        'metavar': 'S',
+        'help': 'after the beginning',
+    },
+}
+
+
 def register(verbs: argparse._SubParsersAction) -> None:
     """Adds the verbs that work on files."""
-    for name, run, text in (
-        ('info', _info, 'topics, messages, losses and duration'),
-        ('check', _check, 'verify every chunk; exit status 1 when something is wrong'),
-    ):
-        verb = verbs.add_parser(name, help=text, description=text)
-        verb.add_argument('path', type=recording, metavar='PATH', help=PATH)
-        if name == 'info':
-            verb.add_argument(
-                '-v',
-                '--verbose',
-                action='store_true',
-                help='also job.yaml and the parameters of all nodes',
-            )
-        verb.set_defaults(run_command=run)
+
+    def verb(
+        name: str, run: Callable, text: str, *more: dict[str, dict[str, Any]], many: bool = False
+    ) -> argparse.ArgumentParser:
+        p = verbs.add_parser(name, help=text, description=text)
+        where: dict[str, Any] = {'nargs': '+'} if many else {}
+        p.add_argument(
+            'paths' if many else 'path', type=recording, metavar='PATH', help=PATH, **where
+        )
+        for options in more:
+            for option, settings in options.items():
+                p.add_argument(option, **settings)
+        p.set_defaults(run_command=run)
+        return p
+
+    info = verb('info', _info, 'topics, messages, losses and duration')
+    text = 'also job.yaml and the parameters of all nodes'
+    info.add_argument('-v', '--verbose', action='store_true', help=text)
+    verb('check', _check, 'verify every chunk; exit status 1 when something is wrong')
     text = 'write everything that is whole in a damaged recording as a new one (the old one is not touched)'
-    verb = verbs.add_parser('recover', help=text, description=text)
-    verb.add_argument('path', type=recording, metavar='PATH', help=PATH)
-    verb.add_argument(
-        '-o', '--output', type=Path, help='new folder (default: PATH with _recovered added)'
-    )
-    verb.set_defaults(run_command=_recover)
-    _register_copies(verbs)
-
-
-def _register_copies(verbs: argparse._SubParsersAction) -> None:
-    text = 'a part of a recording, or the same in another form (topics, time, compression); also from .db3'
-    verb = verbs.add_parser('convert', help=text, description=text)
-    verb.add_argument(
-        'path', type=recording, metavar='PATH', help=f'{PATH}, or a folder with .db3 files'
-    )
-    _add_copy_options(verb)
-    verb.add_argument('--topics', nargs='+', default=[], metavar='NAME', help='only these')
-    verb.add_argument(
-        '--regex', default='', help='only topics that this regular expression is found in'
-    )
-    verb.add_argument(
-        '--exclude', default='', metavar='REGEX', help='not the topics it is found in'
-    )
-    verb.add_argument('--start', type=float, default=0.0, metavar='S', help='after the beginning')
-    verb.add_argument(
-        '--end', type=float, default=float('inf'), metavar='S', help='after the beginning'
-    )
-    verb.set_defaults(run_command=_convert)
+    recover = verb('recover', _recover, text)
+    text = 'new folder (default: PATH with _recovered added)'
+    recover.add_argument('-o', '--output', type=Path, help=text)
+    text = 'a part of a recording, or the same in another form (topics, time, compression); also of a folder with .db3'
+    new = [verb('convert', _convert, text, COPY, PART)]
     text = (
         'several recordings as one, in the order of time; topics that do not fit together are named'
     )
-    verb = verbs.add_parser('merge', help=text, description=text)
-    verb.add_argument('paths', type=recording, nargs='+', metavar='PATH', help=PATH)
-    _add_copy_options(verb)
-    verb.set_defaults(run_command=_merge)
+    new.append(verb('merge', _merge, text, COPY, many=True))
+    for p in new:
+        p.add_argument(
+            '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
+        )
     import_command.register(verbs)
-
-
-def _add_copy_options(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument(
-        '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
-    )
-    verb.add_argument('--compression', choices=('zstd', 'lz4', 'none'), default='zstd')
-    verb.add_argument(
-        '--split-mb', type=float, default=0.0, help='next file above this size; 0 = one file'
-    )
 
 
 def _info(args: argparse.Namespace) -> int:
@@ -174,14 +169,14 @@ def _progress(text: str, total: int | None) -> Iterator[Callable[[int], None]]:
 
 def _convert(args: argparse.Namespace) -> int:
     from .bag_copy import Selection
-    from .importing import import_logs
+    from .importing import import_bag
 
     if args.path.is_dir() and list(args.path.glob('*.db3')):
         return _run(
             'converting',
             args.output,
             None,
-            lambda tick: import_logs([args.path], args.output, tick),
+            lambda tick: import_bag(args.path, args.output, tick),
         )
     selection = Selection(tuple(args.topics), args.regex, args.exclude, args.start, args.end)
     return _copy(args, [args.path], selection, 'converting')

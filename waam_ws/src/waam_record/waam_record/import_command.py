@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from .foreign.mapping import FileMap
     from .log_column import Column
 
-TEXT = 'logs of others as one recording: any text with columns, ROS 1 bags, pyrometer files'
+TEXT = 'logs of others as one recording: any text with columns, ROS 1 bags'
 EPILOG = """\
-Bags (.bag, .db3, a folder) and pyrometer files (.dat with [Connect DataFile]) say themselves what they hold. Any other
-file is text with columns, and needs a mapping: what each column is, its unit, how time is written. Without one this
-command reads the files, proposes one and writes nothing:
+Bags (.bag, .db3, a folder) say themselves what they hold. Any other file is text with columns, and needs a mapping:
+what each column is, its unit, how time is written. Without one this command reads the files, proposes one and writes
+nothing:
 
   waam record import weld.csv > mapping.yaml         1. the proposal, with GUESSED beside what the file does not say
   nano mapping.yaml                                  2. put right what is wrong
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from .foreign import logs as foreign
-    from .importing import known, read_known
+    from .importing import known, read_bag
 
     for path in args.paths:
         if not path.exists():
@@ -117,7 +117,7 @@ def _run(args: argparse.Namespace) -> int:
         return PROPOSED
     if args.output is None:
         raise BagError('say where the recording goes: -o OUT.mcap')
-    columns = [c for p in args.paths if known(p) for c in read_known(p)]
+    columns = [c for p in args.paths if known(p) for c in read_bag(p)]
     made, told = foreign.make(logs)
     for line in told:
         print(line)

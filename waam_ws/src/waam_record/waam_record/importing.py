@@ -1,14 +1,16 @@
-"""Foreign recordings into MCAP: ROS 1 bags and SQLite bags (read by `rosbags`) and pyrometer files, which say
-themselves what they hold. Logs with columns: `foreign`."""
+"""Recordings of others into MCAP: ROS 1 bags and SQLite bags, which say themselves what they hold (`rosbags` converts
+them). Logs with columns: `foreign`."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from .bag_copy import Selection
+from .bag_copy import messages
+from .bag_reader import bag_files
 from .bag_writer import BagError, BagWriter, Topic
-from .import_pyrometer import is_pyrometer, read_pyrometer
 from .log_column import QOS, Column
 
 Progress = Callable[[int], None]
@@ -17,25 +19,12 @@ BAGS = ('.bag', '.db3')
 
 def known(path: Path) -> bool:
     """Whether a file says itself what it holds."""
-    return path.is_dir() or path.suffix.lower() in BAGS or is_pyrometer(path)
+    return path.is_dir() or path.suffix.lower() in BAGS
 
 
-def read_known(path: Path) -> list[Column]:
-    """Topics of a bag or a pyrometer file. BagError names file and line."""
-    if not path.exists():
-        raise BagError(f'{path}: no such file')
-    if path.is_dir() or path.suffix.lower() in BAGS:
-        return read_bag(path)
-    if is_pyrometer(path):
-        return read_pyrometer(path)
-    raise BagError(f'{path}: neither of {", ".join(BAGS)}, a bag folder nor a pyrometer file')
-
-
-def import_logs(paths: list[Path], output: Path, progress: Progress = lambda n: None) -> int:
-    """Writes bags and pyrometer files as one recording, by time; returns the number of messages. BagError names file
-    and line."""
-    columns = [c for path in paths for c in read_known(path)]
-    return write(columns, output, [p.name for p in paths], progress)
+def import_bag(path: Path, output: Path, progress: Progress = lambda n: None) -> int:
+    """Writes a bag as a recording, by time; returns the number of messages. BagError."""
+    return write(read_bag(path), output, [path.name], progress)
 
 
 def write(
@@ -61,30 +50,36 @@ def write(
     return writer.messages
 
 
-def read_bag(path: Path, selection: Selection = Selection()) -> list[Column]:
+def read_bag(path: Path) -> list[Column]:
     """Topics of a ROS 1 bag or of any ROS 2 bag that `rosbags` opens, as ROS 2 messages: types of the standard packages
     get their ROS 2 definition (no `seq` in headers)."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.highlevel.anyreader import AnyReaderError
+    from rosbags.convert.converter import ConverterError, convert
     from rosbags.typesys import Stores, get_typestore
 
-    from .ros1 import Converter
-
-    found: dict[str, list[tuple[int, bytes]]] = {}
-    topics: dict[str, Topic] = {}
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            converter = Converter(reader.typestore, reader.is2)
-            for connection, stamp, raw in reader.messages():
-                name = (
-                    connection.topic if connection.topic.startswith('/') else f'/{connection.topic}'
-                )
-                if not selection.wants(name):
-                    continue
-                if name not in topics:
-                    text, type_hash = converter.definition(connection.msgtype)
-                    topics[name] = Topic(name, connection.msgtype, text, type_hash, (QOS,))
-                found.setdefault(name, []).append((stamp, converter.cdr(raw, connection.msgtype)))
-    except AnyReaderError as e:
-        raise BagError(f'{path}: {e}') from None
-    return [Column(topic, found[name]) for name, topic in topics.items()]
+    jazzy = get_typestore(Stores.ROS2_JAZZY)
+    target = jazzy if path.suffix.lower() == '.bag' else None  # a ROS 2 bag keeps its own types
+    with tempfile.TemporaryDirectory(prefix='waam_import_') as scratch:
+        made = Path(scratch) / 'bag'
+        try:
+            convert(
+                [path],
+                made,
+                'mcap',
+                9,
+                compress=None,
+                compress_mode='file',
+                default_typestore=jazzy,
+                typestore=target,
+                exclude_topics=(),
+                include_topics=(),
+                exclude_msgtypes=(),
+                include_msgtypes=(),
+            )
+            found: dict[str, list[tuple[int, bytes]]] = {}
+            topics: dict[str, Topic] = {}
+            for topic, message in messages(bag_files(made)):
+                topics.setdefault(topic.name, topic)
+                found.setdefault(topic.name, []).append((message.log_time, message.data))
+        except ConverterError as e:
+            raise BagError(f'{path}: {e}') from None
+    return [Column(replace(topics[n], qos=(QOS,)), rows) for n, rows in found.items()]

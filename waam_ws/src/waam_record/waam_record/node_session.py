@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.context import Context
-from rclpy.serialization import deserialize_message
 
-from waam_msgs.msg import JobStatus
 from waam_node.params import param
 
 from .bag_writer import BagError, BagWriter
@@ -19,8 +17,6 @@ from .node_parameters import ParameterReader
 from .node_taps import Tap, Taps
 from .provenance import job_files, versions
 from .recording import Limits, Recording
-
-STATUS_TYPE = 'waam_msgs/msg/JobStatus'
 
 
 @dataclass(frozen=True)
@@ -34,8 +30,6 @@ class RecorderParams:
     regex: str = param('', 'regular expression; topics it is found in are recorded')
     types: str = param('', 'message types, separated by blanks; topics of these are recorded')
     exclude: str = param('', 'regular expression; topics it is found in are not recorded')
-    exclude_types: str = param('', 'message types that are not recorded, separated by blanks')
-    hidden: bool = param(True, 'record hidden topics too: actions and service events')
     poll_period: float = param(
         0.02, 'time between two looks into the subscriptions', 's', 0.001, 0.1
     )
@@ -43,26 +37,13 @@ class RecorderParams:
     depth: int = param(
         5000, 'messages that the middleware keeps per topic between two looks', '', 10, 100000
     )
-    queue_mb: int = param(
-        256, 'messages that may wait for the disk; more are dropped and counted', 'MB', 1, 65536
-    )
-    sync_period: float = param(
-        0.8, 'a chunk is closed and synced this often: the loss of a power cut', 's', 0.1, 60.0
-    )
     metadata_period: float = param(10.0, 'metadata.yaml is renewed this often', 's', 1.0, 3600.0)
     split_mb: int = param(2048, 'next file when one is this large; 0 = never', 'MB', 0, 1048576)
     split_time: float = param(
         0.0, 'next file when one spans this much log time; 0 = never', 's', 0.0, 1e6
     )
-    split_layers: int = param(0, 'next file after so many layers of a job; 0 = never', '', 0, 10000)
     min_free_mb: int = param(
         200, 'recording ends properly when the disk has less left', 'MB', 0, 1048576
-    )
-    match_timeout: float = param(
-        2.0, 'START waits this long for the known publishers to connect', 's', 0.0, 30.0
-    )
-    settle: float = param(
-        0.25, 'START answers this long after the last one connected', 's', 0.0, 10.0
     )
     close_timeout: float = param(
         20.0,
@@ -75,8 +56,7 @@ class RecorderParams:
     @property
     def choice(self) -> Choice:
         """ChoiceError when an expression is none."""
-        names = Choice.__dataclass_fields__
-        return Choice(**{n: getattr(self, n) for n in names})
+        return Choice(self.topics, self.regex, self.types, self.exclude)
 
 
 class Session:
@@ -97,8 +77,6 @@ class Session:
         on_progress: Callable[[], None] = lambda: None,
     ) -> None:
         limits = Limits(
-            params.queue_mb << 20,
-            params.sync_period,
             params.metadata_period,
             params.split_mb << 20,
             params.split_time,
@@ -111,7 +89,6 @@ class Session:
         self.parameters = ParameterReader(context)
         self.paused = False
         self._simulated, self._on_progress = simulated, on_progress
-        self._layers, self._layer, self._split_at = params.split_layers, 0, 0
         self._noted: dict[str, str] = {}
 
     @property
@@ -144,8 +121,6 @@ class Session:
             return
         put, simulated = self.recording.put, self._simulated
         for received, tap, data, info in samples:
-            if self._layers and tap.topic.type == STATUS_TYPE:
-                self._follow_layers(data)
             log_ns = now_ns if simulated else received
             put(
                 tap.number,
@@ -154,16 +129,6 @@ class Session:
                 info['publication_sequence_number'],
                 data,
             )
-
-    def _follow_layers(self, data: bytes) -> None:
-        """Starts the next file after the set number of layers."""
-        layer = deserialize_message(data, JobStatus).layer
-        if layer > self._layer and layer - self._split_at >= self._layers and self._split_at:
-            self.recording.split()
-            self._split_at = layer
-        elif not self._split_at or layer < self._layer:
-            self._split_at = layer
-        self._layer = layer
 
     @property
     def lost(self) -> int:

@@ -23,6 +23,8 @@ from .request import Answer, Request, Status
 
 IN_FLIGHT_S = 0.1  # STOP waits this long for messages that are on their way
 STATUS_S = 1.0  # time between two looks at the state of the recording
+MATCH_S = 2.0  # START waits this long for the known publishers to connect
+SETTLE_S = 0.25  # START answers this long after the last one connected
 START_S = 20.0  # START that has not begun to record by then has failed, and leaves nothing behind
 CLIENT_SILENT_S = 15.0  # steady time without a sign of life of the client that ends its recording
 NOT_BEGUN = 'it was stopped before it had begun'
@@ -201,7 +203,7 @@ class RecordingThread:
         elif not request.concerns(session.directory):
             raise BagError(f'{session.directory} is being recorded; stop that first')
         now = time.monotonic()
-        give_up, settled = now + self._params.match_timeout, now + self._params.settle
+        give_up, settled = now + MATCH_S, now + SETTLE_S
 
         def ready() -> bool:
             nonlocal settled
@@ -211,7 +213,7 @@ class RecordingThread:
                 self._answer(request, Answer(False, NOT_BEGUN))
                 return True
             if session.discover() or (taps.unmatched() and now < give_up):
-                settled = now + self._params.settle
+                settled = now + SETTLE_S
             if now < settled:
                 return False
             missing = ', '.join(taps.unmatched())

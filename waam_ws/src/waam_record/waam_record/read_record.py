@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from mcap.records import Channel, Message, Schema
+from mcap.records import Message, Schema
 
 from waam_node import cdr, job_folder
 from waam_process.loop_mode import with_loop_mode
 from waam_process.safe_files import FileError, parse_json
 
 from .bag_reader import bag_files, info
-from .decode import Decoder
-from .salvage import Damage, records
+from .decode import Decoder, check_layout
+from .salvage import messages
 
 REQUEST, RESPONSE = 1, 2  # ServiceEventInfo: received by, sent by the server
 SERVICES = {
@@ -60,7 +60,7 @@ class Record:
     path: Path
     stamps: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))  # ns of the telemetry
     positions: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # m, telemetry
-    batches: list[tuple[int, Any]] = field(default_factory=list)  # publication time, ProfileBatch
+    batches: list[tuple[int, bytes]] = field(default_factory=list)  # publication time, ProfileBatch
     calls: dict[str, list[Exchange]] = field(default_factory=lambda: {k: [] for k in SERVICES})
     estimates: list[Any] = field(default_factory=list)
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def load(path: Path, tick: Callable[[int], None] = lambda n: None) -> Record:
     if not record.calls['finish']:
         raise ReplayError(
             f'{folder}: holds no call of scan_fusion/finish. Service events are needed '
-            '(recorder parameter hidden: true; records made before they existed lack them)'
+            '(records made before they existed, or of some topics only, lack them)'
         )
     return record
 
@@ -118,6 +118,9 @@ def _parameters(folder: Path, key: str, text: str) -> dict[str, Any]:
     return found
 
 
+Take = Callable[[Message, str], None]  # a message, and the name of its type
+
+
 class _Reader:
     """Sorts the messages of the files into a `Record`."""
 
@@ -125,48 +128,36 @@ class _Reader:
         self.record, self.tick = record, tick
         self.decoder = Decoder()
         self._frames: list[tuple[int, bytes]] = []
-        self._schemas: dict[int, Schema] = {}
-        self._take: dict[int, Callable[[Message], None]] = {}
         self._open: dict[tuple[str, int], Exchange] = {}
         self._seen: set[tuple[str, int, int]] = set()
 
     def read(self, file: Path) -> None:
-        self._schemas.clear()
-        self._take.clear()
+        takes: dict[int, Take | None] = {}
         first, last, count = self.record.first_ns, self.record.last_ns, 0
-        for item in records(file):
-            if isinstance(item, Message):
-                count += 1
-                t = item.log_time
-                first, last = min(first or t, t), max(last, t)
-                if take := self._take.get(item.channel_id):
-                    take(item)
-            elif isinstance(item, Channel):
-                self._channel(item)
-            elif isinstance(item, Schema):
-                self._schemas[item.id] = item
-            elif isinstance(item, Damage):
-                self.record.damage.append(f'{file.name}: {item}')
+        for channel, schema, m in messages(file, self.record.damage):
+            count += 1
+            first, last = min(first or m.log_time, m.log_time), max(last, m.log_time)
+            if channel.id not in takes:
+                takes[channel.id] = self._take(channel.topic.lstrip('/'), schema)
+            if take := takes[channel.id]:
+                take(m, schema.name)
         self.record.first_ns, self.record.last_ns = first, last
         self.tick(count)
 
-    def _channel(self, channel: Channel) -> None:
-        name = channel.topic.lstrip('/')
-        schema = self._schemas[channel.schema_id]
-        take: Callable[[Message, str], None] | None = {
-            'telemetry': self._telemetry,
-            'profiles': self._profiles,
-            'process_estimate': self._estimate,
-        }.get(name.rpartition('/')[2])
-        for key, service in SERVICES.items():
-            if name.endswith(service + SUFFIX):
-                take = self._event(key)
+    def _take(self, name: str, schema: Schema) -> Take | None:
+        """What becomes of the messages of a topic; None: nothing."""
+        last = name.rpartition('/')[2]
+        raw = {'telemetry': self._frames, 'profiles': self.record.batches}
+        if (kept := raw.get(last)) is not None:
+            check_layout(schema.name, schema.data)
+            return lambda m, _: kept.append((m.publish_time, m.data))
         if name.endswith(GONE):
-            take = self._gone
-        if take is None:
-            return
-        self.decoder.add(schema.name, schema.data.decode())
-        self._take[channel.id] = lambda m: take(m, schema.name)
+            return lambda m, _: refuse_gone()
+        event = next((k for k, v in SERVICES.items() if name.endswith(v + SUFFIX)), None)
+        take = self._estimate if last == 'process_estimate' else event and self._event(event)
+        if take:
+            self.decoder.add(schema.name, schema.data.decode())
+        return take or None
 
     def _repeated(self, m: Message, name: str) -> bool:
         """Whether a split repeated this latched message."""
@@ -175,20 +166,11 @@ class _Reader:
         self._seen.add(key)
         return known
 
-    def _telemetry(self, m: Message, _: str) -> None:
-        self._frames.append((m.publish_time, m.data))
-
-    def _profiles(self, m: Message, name: str) -> None:
-        self.record.batches.append((m.publish_time, self.decoder.message(name, m.data)))
-
     def _estimate(self, m: Message, name: str) -> None:
         if not self._repeated(m, name):
             self.record.estimates.append(self.decoder.message(name, m.data))
 
-    def _gone(self, _: Message, name: str) -> None:
-        refuse_gone()
-
-    def _event(self, key: str) -> Callable[[Message, str], None]:
+    def _event(self, key: str) -> Take:
         def take(m: Message, name: str) -> None:
             event = self.decoder.message(name, m.data)
             call_id = bytes(event.info.client_gid).hex() + key, event.info.sequence_number

@@ -19,12 +19,14 @@ from .bag_writer import BagWriter, Topic
 class Limits:
     """Limits of a recording on disk."""
 
-    queue_bytes: int = 256 << 20  # messages that may wait for the disk
-    sync_s: float = 1.0  # a chunk is closed and synced this often
     metadata_s: float = 10.0  # metadata.yaml is renewed this often
     file_bytes: int = 0  # next file above this size; 0 = never
     file_s: float = 0.0  # next file after this much log time; 0 = never
     free_bytes: int = 200 << 20  # recording stops when the disk has less left
+    queue_bytes: int = (
+        256 << 20
+    )  # messages that may wait for the disk; more are dropped and counted
+    sync_s: float = 0.8  # a chunk is closed and synced this often: the loss of a power cut
 
 
 class Recording:

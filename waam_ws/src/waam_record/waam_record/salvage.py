@@ -22,26 +22,14 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 
 MAGIC = b'\x89MCAP0\r\n'
 BROKEN = (
-    McapError,
-    struct.error,
-    zstandard.ZstdError,
-    EOFError,
-    UnicodeDecodeError,
-    ValueError,
-    KeyError,
-    MemoryError,
-    OverflowError,
-    RuntimeError,
-)
+    McapError, struct.error, zstandard.ZstdError, EOFError, UnicodeDecodeError, ValueError, KeyError, MemoryError,
+    OverflowError, RuntimeError,
+)  # fmt: skip
 HEAD = struct.Struct('<BQ')  # opcode and length of every record
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 2, 3, 4, 5, 6, 12, 15
 _KINDS: dict[int, Any] = {
-    SCHEMA: Schema,
-    CHANNEL: Channel,
-    MESSAGE: Message,
-    METADATA: Metadata,
-    FOOTER: Footer,
-}
+    SCHEMA: Schema, CHANNEL: Channel, MESSAGE: Message, METADATA: Metadata, FOOTER: Footer,
+}  # fmt: skip
 FOOTER_SIZE = 8 + 8 + 4
 LARGEST = 1 << 30  # bytes of a chunk, unpacked
 _CHUNK_TIMES = 8 + 8 + 8 + 4  # bytes of a chunk before the name of its compression
@@ -66,6 +54,23 @@ def records(path: Path) -> Iterator[McapRecord | Damage]:
             yield Damage(0, 'not an MCAP file')
             return
         yield from _walk(f, path.stat().st_size)
+
+
+def messages(path: Path, damage: list[str]) -> Iterator[tuple[Channel, Schema, Message]]:
+    """Messages of a file with their channel and schema, as of `records`; what is missing goes into damage, in words."""
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[Channel, Schema]] = {}
+    for item in records(path):
+        if isinstance(item, Message):
+            if known := channels.get(item.channel_id):
+                yield *known, item
+        elif isinstance(item, Schema):
+            schemas[item.id] = item
+        elif isinstance(item, Channel):
+            nothing = Schema(id=0, data=b'', encoding='', name='')
+            channels[item.id] = item, schemas.get(item.schema_id, nothing)
+        elif isinstance(item, Damage):
+            damage.append(f'{path}: {item}')
 
 
 def _walk(f: BinaryIO, size: int) -> Iterator[McapRecord | Damage]:

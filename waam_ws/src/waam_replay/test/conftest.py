@@ -26,13 +26,11 @@ from waam_process.grid import GridSpec
 from waam_process.learned import Taught, nothing
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
-from waam_scan.bead_width import BeadWidth
 from waam_scan.conversions import block_from_msg, map_to_msg
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.stream.assembler import Assembler
-from waam_scan.stream.poses import PoseTrack
-from waam_scan.stream.session import PreviousMap, Session
+from waam_scan.map_maker import MapMaker
+from waam_scan.stream.session import Session
 
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -93,7 +91,7 @@ class Job:
         self.maps: list[HeightMap] = []
         self.late = late
         self._frame = self._batch = 0
-        self.track, self.before = PoseTrack(10_000), None
+        self.maker = MapMaker(self.params)
         self.corrector, self.feeder = CorrectionServer(), FeedForward()
         self.corrector.now_s = lambda: self.tape.now_ns * 1e-9
         before = None
@@ -111,7 +109,7 @@ class Job:
         msg.header.frame_id = 'work'
         msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(self.tape.now_ns, 10**9)
         self._frame += 1
-        self.track.append(self.tape.now_ns, x, 0.012, 0.05)
+        self.maker.track.append(self.tape.now_ns, x, 0.012, 0.05)
         self.tape.put('/telemetry', 'waam_msgs/msg/Telemetry', msg)
 
     def _batch_at(self, x: float, layer: int) -> tuple[np.ndarray, np.ndarray]:
@@ -131,7 +129,7 @@ class Job:
         self._batch += 1
         self.tape.put('/profiles', 'waam_msgs/msg/ProfileBatch', msg)
         if session is not None:
-            session.add(msg.sequence, block_from_msg(msg))
+            session.add_batch(msg.sequence, block_from_msg(msg))
             self.fusion.add(np.tile([x, 0.012, 0.05], (PROFILES, 1)), lateral, z)
 
     def _scan(self, layer: int) -> None:
@@ -159,19 +157,14 @@ class Job:
         self.tape.ask(FinishScan, 'scan_fusion/finish', request, FinishScan.Response(map=found))
 
     def _session(self, layer: int) -> Session:
-        p = self.params
-        surface = Fusion(SPEC, p.mounting, p.fusion)
-        gap = round(p.max_gap * 1e9)
-        return Session(JOB, layer, layer, Assembler(surface, self.track, gap, p.max_waiting))
+        return self.maker.begin(JOB, layer, layer, SPEC, -(2**62))
 
     def _map(self, session: Session) -> HeightMap:
         """As scan_fusion publishes it; a fusion that was fed directly agrees."""
-        fused = session.close()
-        assert fused.z.tobytes() == self.fusion.result().z.tobytes()
-        doubts = session.doubts(fused, self.before, self.params.plausibility)
-        assert not doubts
-        self.before = PreviousMap(JOB, session.layer, SPEC, fused.z)
-        sent = serialize_message(map_to_msg(session, fused, doubts, BeadWidth()))
+        found = self.maker.finish(session)
+        assert found.fused.z.tobytes() == self.fusion.result().z.tobytes()
+        assert not found.doubts
+        sent = serialize_message(map_to_msg(session, found))
         return deserialize_message(sent, HeightMap)
 
     def _layer(self, number: int, before: tuple | None) -> tuple:

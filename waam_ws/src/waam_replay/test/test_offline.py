@@ -11,7 +11,6 @@ from waam_node.params import ParameterError
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.read_record import ReplayError, load
 from waam_replay import cli, summary
-from waam_replay.steps import steps
 from waam_replay.tune import tune
 
 ALL = {'maps': (3, 3), 'psi': (2, 2), 'setpoints': (2, 2)}
@@ -116,10 +115,9 @@ def test_a_record_without_questions_is_refused(tmp_path):
         tune(tmp_path / 'nowhere')
 
 
-@pytest.mark.parametrize('read', [tune, lambda path: steps(path / 'record')])
 @pytest.mark.parametrize(('count', 'text'), [(1, 'the version that recorded it'), (0, 'holds no')])
 def test_a_layer_that_was_corrected_while_it_was_laid_needs_the_version_that_recorded_it(
-    read, count, text, tmp_path
+    count, text, tmp_path
 ):
     """Of a service that was there and never called nothing is said."""
     writer = BagWriter(tmp_path / 'record')
@@ -129,7 +127,7 @@ def test_a_layer_that_was_corrected_while_it_was_laid_needs_the_version_that_rec
         writer.write(0, 1, 1, k, b'\0\1\0\0\1\0\0\0')
     writer.close()
     with pytest.raises(ReplayError, match=text):
-        read(tmp_path)
+        tune(tmp_path)
 
 
 def test_parameters_of_another_version_are_named(make_job, tmp_path):
@@ -189,3 +187,24 @@ def test_a_record_whose_answers_do_not_fit_is_told(job, tmp_path, capsys, monkey
     )
     assert run(['check', str(job)]) == 1
     assert 'DIFFERENT' in capsys.readouterr().out
+
+
+def test_many_records_one_after_the_other(job, tmp_path, capsys, monkeypatch):
+    """A folder of three records (one of them cut off) and of something else."""
+    jobs = tmp_path / 'jobs'
+    for name in ('a', 'b', 'cut'):
+        shutil.copytree(job / 'record', jobs / name / 'record')
+    for file in (jobs / 'cut' / 'record').glob('*.mcap'):
+        file.write_bytes(b'')
+    (jobs / 'archive').mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert run(['check', str(jobs), '-o', 'out']) == 1
+    out = capsys.readouterr().out
+    assert '3 records: 2 identical, 0 different, 1 errors' in out and 'cut: error' in out
+    kept = json.loads((tmp_path / 'out' / 'check.json').read_text())
+    assert sorted(len(f.get('maps', [])) for f in kept.values()) == [0, 3, 3]
+    assert run(['check', str(jobs / 'a'), str(jobs / 'b'), '-o', 'out']) == 0
+    assert run(['tune', str(jobs), '--set', 'nobody.x=1']) == 1
+    assert "unknown node 'nobody'" in capsys.readouterr().err
+    assert run(['check', str(jobs / 'archive')]) == 1
+    assert 'no recorded job' in capsys.readouterr().err

@@ -1,1 +1,1 @@
-"""Computes a recorded job again: offline through the pure cores, or on the graph in lock-step."""
+"""Computes a recorded job again through the pure cores, or plays it to a graph."""

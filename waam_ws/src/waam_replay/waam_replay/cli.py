@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from waam_node.spread import add_options
+from waam_node.files import write_atomically
+from waam_node.job_folder import is_record, record_folders
 
 if TYPE_CHECKING:
     from .tune import Tuning
@@ -18,16 +20,22 @@ _EXAMPLES = """examples:
   waam replay tune jobs/latest --set correction_server.k_gain=0.2
   waam replay tune jobs/latest --set scan_fusion.spike_factor=6 --set correction_server.law=proportional
   waam replay tune jobs/latest --set job.heat_factor=0.95     what the job asked for can be changed too
-  waam replay check jobs --workers 4                   every record in a folder, on four cores
-  waam replay tune jobs --set correction_server.gain=0.8 --cluster auto      on all machines of a Ray cluster
-  waam replay play jobs/latest --lockstep                     the nodes themselves, on a graph of their own
+  waam replay check jobs                               every record in a folder
   waam replay play jobs/latest --rate 4 --topics /telemetry /height_map
 
 Every layer starts from the surface that was really measured: `tune` shows what other parameters would have
-commanded on it and what that layer would have become, not a new history of the whole part.
+commanded on it and what that layer would have become, not a new history of the whole part."""
 
-Over many records one result per record is kept in --output. A run that was ended (Ctrl-C, power) goes on with the same
-command. A worker that is lost costs its own record, which is computed again."""
+PLAY: dict[str, dict[str, Any]] = {
+    'rate': {'type': float, 'default': 1.0, 'help': 'recorded seconds per second (default 1)'},
+    'topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
+    'exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    'remap': {'action': 'append', 'default': [], 'metavar': 'FROM:=TO'},
+    'start': {'type': float, 'default': 0.0, 'help': 's after the beginning of the record'},
+    'until': {'type': float, 'default': 0.0, 'help': 's after the beginning; 0 = to the end'},
+    'paused': {'action': 'store_true', 'help': 'begin paused (go on with the service player/resume)'},
+    'force': {'action': 'store_true', 'help': 'also topics that command a machine'},
+}  # fmt: skip
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -44,13 +52,9 @@ def register(commands: argparse._SubParsersAction) -> None:
     tune = verbs.add_parser('tune', help=text, description=text)
     _add_jobs(tune)
     tune.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NODE.NAME=VALUE',
+        '--set', action='append', default=[], dest='settings', metavar='NODE.NAME=VALUE',
         help='parameter of scan_fusion, correction_server, feed_forward or job (repeatable)',
-    )
+    )  # fmt: skip
     tune.set_defaults(run_command=_tune)
     text = (
         'offline, with the recorded parameters; exit status 1 when anything differs from the record'
@@ -58,53 +62,22 @@ def register(commands: argparse._SubParsersAction) -> None:
     check = verbs.add_parser('check', help=text, description=text)
     _add_jobs(check)
     check.set_defaults(run_command=_check)
-    _register_play(verbs)
+    text = 'publish a record to a graph, with /clock; commands to the machine only with --force'
+    play = verbs.add_parser('play', help=text, description=text)
+    play.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
+    for name, options in PLAY.items():
+        play.add_argument(f'--{name}', **options)
+    play.set_defaults(run_command=_play)
 
 
 def _add_jobs(p: argparse.ArgumentParser) -> None:
     """What `check` and `tune` have in common."""
-    text = 'job folder or its record folder; several, or a folder of job folders, are computed side by side'
+    text = (
+        'job folder or its record folder; several, or a folder of job folders, one after the other'
+    )
     p.add_argument('jobs', type=Path, nargs='+', metavar='JOB', help=text)
-    add_options(p)
-    p.set_defaults(workers=None)  # None: one record is computed here
     text = 'folder of the results (default: JOB/replay; of many jobs: jobs/replay_check or jobs/replay_tune)'
     p.add_argument('-o', '--output', type=Path, help=text)
-
-
-def _register_play(verbs: argparse._SubParsersAction) -> None:
-    text = 'publish a record to a graph, with /clock; commands to the machine only with --force'
-    play = verbs.add_parser('play', help=text, description=text)
-    play.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
-    play.add_argument(
-        '--rate', type=float, default=1.0, help='recorded seconds per second (default 1)'
-    )
-    play.add_argument(
-        '--lockstep',
-        action='store_true',
-        help='as fast as possible: wait for every map and psi of the nodes and compare it with the record',
-    )
-    play.add_argument(
-        '--attach',
-        action='store_true',
-        help='lock-step with the nodes of the running graph instead of nodes of its own',
-    )
-    play.add_argument('--domain', type=int, help='lock-step: ROS_DOMAIN_ID of its nodes')
-    play.add_argument('--topics', nargs='+', default=[], metavar='NAME', help='only these')
-    play.add_argument(
-        '--exclude', default='', metavar='REGEX', help='not the topics it is found in'
-    )
-    play.add_argument('--remap', action='append', default=[], metavar='FROM:=TO')
-    play.add_argument(
-        '--start', type=float, default=0.0, help='s after the beginning of the record'
-    )
-    play.add_argument(
-        '--until', type=float, default=0.0, help='s after the beginning; 0 = to the end'
-    )
-    play.add_argument(
-        '--paused', action='store_true', help='begin paused (go on with the service player/resume)'
-    )
-    play.add_argument('--force', action='store_true', help='also topics that command a machine')
-    play.set_defaults(run_command=_play)
 
 
 def _tuned(job: Path, settings: list[str]) -> Tuning:
@@ -126,13 +99,12 @@ def _tuned(job: Path, settings: list[str]) -> Tuning:
 
 
 def _tune(args: argparse.Namespace) -> int:
-    from .cli_many import is_many, run_many
     from .picture import draw
     from .summary import as_json
 
     try:
-        if is_many(args):
-            return run_many(args, 'tune')
+        if is_many(args.jobs):
+            return _many(args, 'tune', args.settings)
         (job,) = args.jobs
         result = _tuned(job, args.settings)
         folder = args.output or job / 'replay'
@@ -147,24 +119,74 @@ def _tune(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from .cli_many import is_many, run_many
-
     try:
-        if is_many(args):
-            return run_many(args, 'check')
+        if is_many(args.jobs):
+            return _many(args, 'check', [])
         result = _tuned(args.jobs[0], [])
     except (ValueError, OSError) as e:
         return _error(e)
     _print(result)
-    same = bool(result.maps) and all(n == total for n, total in result.identical.values())
-    print('identical to the record' if same else 'DIFFERENT from the record')
-    return 0 if same else 1
+    print('identical to the record' if result.same else 'DIFFERENT from the record')
+    return 0 if result.same else 1
+
+
+def _is_job(path: Path) -> bool:
+    """Whether a folder is a job folder with a record, or a record folder itself."""
+    if not path.is_dir():
+        return False
+    return bool(is_record(path.name) or record_folders(path) or list(path.glob('*.mcap')))
+
+
+def is_many(jobs: list[Path]) -> bool:
+    """Whether more than one record is meant."""
+    return len(jobs) > 1 or (jobs[0].is_dir() and not _is_job(jobs[0]))
+
+
+def jobs_in(paths: list[Path]) -> list[Path]:
+    """Job folders with a record, in `paths` and in folders of job folders. ValueError when there is none."""
+    found: list[Path] = []
+    for path in paths:
+        if _is_job(path) or not path.is_dir():
+            found.append(path)  # what is wrong with it is said when it is read
+        else:
+            found += [p for p in sorted(path.iterdir()) if _is_job(p) and not p.is_symlink()]
+    if not found:
+        raise ValueError(f'no recorded job in {", ".join(map(str, paths))}')
+    return list(dict.fromkeys(f.resolve() for f in found))
+
+
+def _many(args: argparse.Namespace, verb: str, settings: list[str]) -> int:
+    """A line per record and a file with all results; 1 when a record cannot be read or, for check, differs."""
+    from .parameters import effective
+    from .summary import as_json
+    from .tune import tune
+
+    effective({}, settings)  # a misspelt name is found before anything is read
+    found: dict[str, dict[str, Any]] = {}
+    for job in jobs_in(args.jobs):
+        try:
+            result = tune(job, settings)
+            found[str(job)] = {**as_json(result), 'same': result.same}
+            said = 'identical' if result.same else 'different'
+        except Exception as e:  # a record that no check has foreseen does not end the others
+            said = f'error: {" ".join(str(e).split()) or type(e).__name__}'
+            found[str(job)] = {'error': said}
+        print(f'{job.name}: {said}', flush=True)
+    out = args.output or Path(os.environ.get('WAAM_JOBS', 'jobs')) / f'replay_{verb}'
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / f'{verb}.json', json.dumps(found, indent=1))
+    errors = sum('error' in f for f in found.values())
+    same = sum(bool(f.get('same')) for f in found.values())
+    other = len(found) - same - errors
+    print(f'{len(found)} records: {same} identical, {other} different, {errors} errors')
+    print(f'written: {out / f"{verb}.json"}')
+    return 1 if errors or (verb == 'check' and other) else 0
 
 
 def _print(result: Tuning) -> None:
     from rich.console import Console
 
-    from .tables import tables
+    from .summary import tables
 
     console = Console(highlight=False)
     for table in tables(result):

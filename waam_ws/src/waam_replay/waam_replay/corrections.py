@@ -7,7 +7,6 @@ requests alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,17 +17,16 @@ from waam_adapt.laws.corrector import CorrectionParams, Corrector
 from waam_adapt.types import Correction, CorrectionInput
 from waam_node.conversions import grid_from_msg
 from waam_process.grid import GridSpec
-from waam_record.read_record import Exchange, load
+from waam_record.read_record import Exchange
 
 from .maps import MapAgain
-from .recorded import RecordedCorrection
 
 
 @dataclass(frozen=True)
 class PsiAgain:
     """One correction: the recorded one (message) and the same computed again."""
 
-    recorded: RecordedCorrection
+    recorded: Any  # waam_msgs/CorrectionMap
     spec: GridSpec
     core: CorrectionInput
     result: Correction
@@ -69,11 +67,6 @@ class PsiAgain:
         if not d.size:
             return 0.0, 0.0
         return float(np.sqrt(np.mean(d**2))), float(np.abs(d).max())
-
-
-def requests_of(folder: Path) -> list[Any]:
-    """The requests (messages) of the correction server in a recorded job, in their order."""
-    return [call.request for call in load(folder).calls['correct']]
 
 
 class Corrections:

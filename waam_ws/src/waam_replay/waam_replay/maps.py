@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from waam_node.conversions import grid_from_msg, nanoseconds
 from waam_record.read_record import Exchange, Record
-from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion_params import FusionParams
-from waam_scan.stream.assembler import Assembler
-from waam_scan.stream.poses import PoseTrack
-from waam_scan.stream.profiles import ProfileBlock
-from waam_scan.stream.session import PreviousMap, Session
-
-from .recorded import RecordedBatch, RecordedMap
+from waam_scan.map_maker import MapMaker
+from waam_scan.stream.profiles import ProfileBlock, read_batch
+from waam_scan.stream.session import Session
 
 # as scan_fusion: profiles older than its clock by up to this belong to the scan
 CLOCK_GRAIN_NS = 100_000_000
@@ -26,7 +23,7 @@ CLOCK_GRAIN_NS = 100_000_000
 class MapAgain:
     """One scan: the recorded map (message) and the same computed again; z, sigma (rows, cols) float32 in m, count."""
 
-    recorded: RecordedMap
+    recorded: Any  # waam_msgs/HeightMap
     z: np.ndarray
     sigma: np.ndarray
     count: np.ndarray
@@ -63,12 +60,8 @@ class Mapper:
     """Feeds the cores of scan_fusion in the recorded order; scans must be asked for in order."""
 
     def __init__(self, record: Record, params: FusionParams) -> None:
-        self.record, self.params = record, params
-        self._track = PoseTrack(max(2, int(params.telemetry_seconds * params.telemetry_rate)))
-        self._mounting = params.mounting
+        self.record, self._maker = record, MapMaker(params)
         self._fed = self._batch = 0
-        self._kept: Session | None = None
-        self._before: PreviousMap | None = None
 
     def all(self) -> list[MapAgain]:
         """Every scan that gave a map."""
@@ -94,60 +87,43 @@ class Mapper:
             if profiles >= wanted:
                 break
             self._feed(int(block.stamps.max()))
-            session.add(sequence, block)
+            session.add_batch(sequence, block)
             profiles += len(block)
         session.until_ns = nanoseconds(end.request.until)
-        self._feed(max(session.until_ns, session.assembler.newest_ns or 0))
-        fused = session.close()
-        doubts = session.doubts(fused, self._before, self.params.plausibility)
-        self._kept = session
-        if not doubts:
-            self._before = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
-        reasons = tuple(doubts + session.notes())
+        self._feed(max(session.until_ns, session.newest_ns or 0))
+        found = self._maker.finish(session)
+        fused = found.fused
         return MapAgain(
             recorded=end.response.map,
             z=fused.z,
             sigma=fused.sigma,
             count=fused.count,
-            plausible=not doubts,
-            reasons=reasons,
+            plausible=not found.doubts,
+            reasons=tuple(found.doubts + session.notes()),
             whole=profiles == wanted,
         )
 
     def _session(self, begin: Exchange) -> Session:
-        p, request = self.params, begin.request
-        spec = grid_from_msg(request.grid)
-        surface = Fusion(spec, self._mounting, p.fusion, p.threads)
-        if request.keep and self._kept:
-            surface = self._kept.assembler.fusion
-        earliest = begin.ros_ns - CLOCK_GRAIN_NS
-        gap = round(p.max_gap * 1e9)
-        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
-        return Session(request.job_id, request.layer, begin.response.scan_id, assembler)
+        asked, earliest = begin.request, begin.ros_ns - CLOCK_GRAIN_NS
+        spec, scan_id = grid_from_msg(asked.grid), begin.response.scan_id
+        return self._maker.begin(
+            asked.job_id, asked.layer, scan_id, spec, earliest, keep=asked.keep
+        )
 
     def _blocks(self, after_ns: int, before_ns: int) -> Iterator[tuple[int, ProfileBlock]]:
         batches = self.record.batches
         while self._batch < len(batches) and batches[self._batch][0] < before_ns:
-            at, msg = batches[self._batch]
+            at, data = batches[self._batch]
             self._batch += 1
             if at > after_ns:
-                yield msg.sequence, block_of(msg)
+                yield read_batch(data)
 
     def _feed(self, until_ns: int) -> None:
         """Telemetry up to the first frame that is not older than `until_ns`."""
         stamps, positions = self.record.stamps, self.record.positions
         while self._fed < len(stamps):
             t = int(stamps[self._fed])
-            self._track.append(t, *positions[self._fed].tolist())
+            self._maker.track.append(t, *positions[self._fed].tolist())
             self._fed += 1
             if t >= until_ns:
                 return
-
-
-def block_of(msg: RecordedBatch) -> ProfileBlock:
-    """A recorded ProfileBatch."""
-    shape = msg.profile_count, msg.points_per_profile
-    stamps = nanoseconds(msg.header.stamp) + np.asarray(msg.stamp_offsets_ns, np.int64)
-    x, z = (np.asarray(v, np.float32).reshape(shape) for v in (msg.x, msg.z))
-    light = np.asarray(msg.intensity, np.float32)
-    return ProfileBlock(stamps, x, z, light.reshape(shape) if light.size else None)

@@ -28,11 +28,8 @@ class JobParams:
 
 
 NODES = {
-    'scan_fusion': FusionParams,
-    'correction_server': CorrectionParams,
-    'feed_forward': FeedParams,
-    'job': JobParams,
-}
+    'scan_fusion': FusionParams, 'correction_server': CorrectionParams, 'feed_forward': FeedParams, 'job': JobParams,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ MOST_LAYERS = 8  # rows; of longer jobs evenly chosen ones
 
 def draw(result: Tuning, path: Path) -> bool:
     """Writes a PNG; False when the job has no correction to show."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     layers = [(x.number, x.psi, x.prediction) for x in result.layers if x.psi and x.prediction]
@@ -33,7 +32,6 @@ def draw(result: Tuning, path: Path) -> bool:
     chosen = sorted({round(i) for i in np.linspace(0, len(layers) - 1, MOST_LAYERS)})
     layers = [layers[i] for i in chosen]
     figure = Figure(figsize=(15, 0.9 + 2.1 * len(layers)), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(len(layers), 4, squeeze=False, width_ratios=(1, 1, 1, 1.1))
     for row, layer in zip(axes, layers, strict=True):
         _row(figure, row, *layer)

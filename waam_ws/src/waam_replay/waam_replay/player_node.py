@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.records import Message
-from rclpy.qos import QoSProfile
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -16,14 +17,16 @@ from std_srvs.srv import Trigger
 from waam_node.node import OK, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
+from waam_record.bag_writer import Topic
+from waam_record.conversions import message_type
 from waam_record.read_record import record_folder
 
-from .node_lockstep import Lockstep
-from .node_publishers import Publishers
 from .play_clock import PlayClock
 from .playlist import Playlist, Wanted, parse_remap
 
 BURST = 500  # messages that are published at most before the executor gets its turn
+CLOCK_S = 0.01  # wall time between two messages on /clock
+WAIT_S = 0.5  # wall time between the publishers being there and the first message
 
 
 @dataclass(frozen=True)
@@ -40,21 +43,7 @@ class PlayerParams:
         0.0, 'where to end, after the beginning of the record; 0 = at its end', 's', 0.0
     )
     paused: bool = param(False, 'begin paused')
-    clock: bool = param(True, 'publish /clock')
-    clock_rate: float = param(
-        100.0, 'messages on /clock per second of wall time', 'Hz', 1.0, 1000.0
-    )
-    wait: float = param(
-        0.5, 'wall time between the publishers being there and the first message', 's', 0.0, 60.0
-    )
     force: bool = param(False, 'publish commands to a machine, and topics that others publish')
-    lockstep: bool = param(
-        False, 'ask the nodes what the job asked them, wait for each answer and compare it'
-    )
-    patience: float = param(
-        60.0, 'longest wait for an answer in lock-step, wall time', 's', 1.0, 3600.0
-    )
-    report: str = param('', 'file for the result of lock-step, JSON')
 
     @property
     def wanted(self) -> Wanted:
@@ -62,6 +51,43 @@ class PlayerParams:
         remap = parse_remap(self.remap.split())
         topics = tuple(self.topics.split())
         return Wanted(topics, self.exclude, remap, self.start, self.until, self.force)
+
+
+def offered(topic: Topic) -> QoSProfile:
+    """Reliable unless all recorded publishers were best effort; latched when all of them were."""
+    best_effort = bool(topic.qos) and all(q.get('reliability') == 'best_effort' for q in topic.qos)
+    return QoSProfile(
+        depth=1 if topic.latched else 1000,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class Publishers:
+    """One publisher per topic; topics whose type is not installed here are `missing`."""
+
+    def __init__(self, node: Node, topics: dict[str, Topic], names: dict[str, str]) -> None:
+        self._by_name: dict[str, Publisher] = {}
+        self.missing: dict[str, str] = {}
+        for name, topic in topics.items():
+            try:
+                kind = message_type(topic.type)
+            except (ImportError, AttributeError, ValueError) as e:
+                self.missing[name] = f'{topic.type} is not installed here ({e})'
+                continue
+            self._by_name[name] = node.create_publisher(kind, names[name], offered(topic))
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._by_name
+
+    @property
+    def names(self) -> set[str]:
+        """Topics that can be published."""
+        return set(self._by_name)
+
+    def publish(self, name: str, data: bytes) -> None:
+        """data: serialised message (CDR). KeyError for a topic that is not among `names`."""
+        self._by_name[name].publish(data)
 
 
 class Player(WaamNode):
@@ -75,17 +101,6 @@ class Player(WaamNode):
         self.done = False
         self._clock_out = self.create_publisher(Clock, '/clock', QoSProfile(depth=10))
         self._folder = record_folder(Path(p.record))
-        if p.lockstep:
-            self._lockstep = Lockstep(self, self._folder, p.patience, p.report)
-            threading.Thread(target=self._run_lockstep, name='lockstep', daemon=True).start()
-        else:
-            self._prepare(p)
-
-    def _run_lockstep(self) -> None:
-        self._lockstep.run()
-        self._end()
-
-    def _prepare(self, p: PlayerParams) -> None:
         self._playlist = Playlist(self._folder, p.wanted)
         taken = {n for n, _ in self.get_topic_names_and_types() if self.count_publishers(n)}
         chosen, refused = self._playlist.allowed(taken)
@@ -95,7 +110,7 @@ class Player(WaamNode):
             self.get_logger().info(f'not published: {name}: {why}')
         begin = self._playlist.first_ns + round(p.start * 1e9)
         self._chosen = chosen
-        self._play_time = PlayClock(begin, p.rate, p.paused, time.monotonic() + p.wait)
+        self._play_time = PlayClock(begin, p.rate, p.paused, time.monotonic() + WAIT_S)
         self._published = self._steps = 0
         self._jump(begin)
         for name, work in (('pause', self._pause), ('resume', self._resume), ('step', self._step)):
@@ -103,8 +118,7 @@ class Player(WaamNode):
         self.create_subscription(Float64, '~/seek', self._on_seek, 10)
         self.create_subscription(Float64, '~/rate', self._on_rate, 10)
         self.create_timer(0.002, self._advance, clock=self.steady)
-        if p.clock:
-            self.create_timer(1.0 / p.clock_rate, self._tick, clock=self.steady)
+        self.create_timer(CLOCK_S, self._tick, clock=self.steady)
 
     def _jump(self, at_ns: int) -> None:
         """Continues at a recorded time; latched topics get what they held there."""

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from waam_process.grid import GridSpec
 from waam_scan.bead_width import BeadWidth, bead_width
-from waam_scan.stream.session import PreviousMap, Surfaces
+from waam_scan.fusion_params import FusionParams
+from waam_scan.map_maker import MapMaker
+from waam_scan.stream.session import PreviousMap
 
 SPEC = GridSpec(-0.02, -0.02, 0.5e-3, 160, 220)
 X, Y = np.meshgrid(SPEC.x, SPEC.y)
@@ -125,12 +127,12 @@ def test_the_surface_below_a_layer_is_that_of_the_layer_before():
     def seen(layer, value, job='a'):
         return PreviousMap(job, layer, SPEC, np.full(SPEC.shape, value))
 
-    s = Surfaces()
+    s = MapMaker(FusionParams())
     assert s.below('a', 1, SPEC) is None
-    s.add(seen(0, 0.0))
+    s.believe(seen(0, 0.0))
     assert s.below('a', 1, SPEC)[0, 0] == 0.0
-    s.add(seen(1, 1.0))
-    s.add(seen(1, 2.0))  # scanned again
+    s.believe(seen(1, 1.0))
+    s.believe(seen(1, 2.0))  # scanned again
     assert s.below('a', 1, SPEC)[0, 0] == 0.0
     assert s.below('a', 2, SPEC)[0, 0] == 2.0
     assert s.below('a', 3, SPEC) is None and s.below('b', 2, SPEC) is None

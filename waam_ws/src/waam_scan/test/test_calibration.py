@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_scan.calibration.artefact import (
-    Artefact,
-    ArtefactError,
-    Balls,
-    Block,
-)
+from waam_scan.calibration.artefact import Artefact, ArtefactError, Balls, Block
 from waam_scan.calibration.artefact_file import artefact_of, load_artefact
 from waam_scan.calibration.robust import turn_vector, turned
 from waam_scan.calibration.solve import CalibrationError, calibrate

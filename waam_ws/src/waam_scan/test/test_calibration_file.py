@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_scan import cli_register
+from waam_scan import cli
 from waam_scan.calibration.file import CalibrationFileError, load_calibration, rpy_of
 from waam_scan.calibration.pass_file import load_pass, save_pass
 from waam_scan.calibration.scan_pass import Pass, ScanError, gather
@@ -30,8 +30,8 @@ OFFSET, RPY, DELAY = np.array([0.062, -0.003, 0.118]), np.radians([1.0, -0.5, 91
 
 def run(*words):
     parser = argparse.ArgumentParser()
-    cli_register.add_commands(parser.add_subparsers())
-    args = parser.parse_args([str(w) for w in words])
+    cli.register(parser.add_subparsers())
+    args = parser.parse_args(['scan', *(str(w) for w in words)])
     return args.run_command(args)
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from waam_node.stl import write_stl
 from waam_process.grid import GridSpec, HeightGrid
-from waam_scan import cli_register
+from waam_scan import cli
 from waam_scan.commands.compare_report import planner_frame
-from waam_scan.recordings.files import load_map
+from waam_scan.map_file import load_map
 from waam_scan.registration.clouds import is_mesh, load_points, load_triangles
 from waam_scan.registration.compare import found_grid, missing_metal, nominal_grid, top_heights
 
@@ -75,8 +75,8 @@ def worn_cloud(rng, step=0.2e-3, noise=20e-6):
 
 def run(*words):
     parser = argparse.ArgumentParser()
-    cli_register.add_commands(parser.add_subparsers())
-    args = parser.parse_args([str(w) for w in words])
+    cli.register(parser.add_subparsers())
+    args = parser.parse_args(['scan', *(str(w) for w in words)])
     return args.run_command(args)
 
 

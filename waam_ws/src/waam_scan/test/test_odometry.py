@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import registration_sim as sim
 
-from waam_scan import cli_register
+from waam_scan import cli
 from waam_scan.registration.odometry import track
 
 
@@ -63,13 +63,13 @@ def test_frames_that_cannot_be_used_are_refused():
 def test_the_command_writes_a_track(tmp_path, capsys):
     found, truth = frames(3, count=3, points=20_000)
     parser = argparse.ArgumentParser()
-    cli_register.add_commands(parser.add_subparsers())
+    cli.register(parser.add_subparsers())
     paths = []
     for k, frame in enumerate(found):
         paths.append(str(tmp_path / f'frame_{k}.npy'))
         np.save(paths[-1], frame * 1e3)
     args = parser.parse_args(
-        ['register', *paths, '--change', 'any', '--out', str(tmp_path / 'track')]
+        ['scan', 'register', *paths, '--change', 'any', '--out', str(tmp_path / 'track')]
     )
     assert args.run_command(args) == 0
     assert 'frame_2.npy' in capsys.readouterr().out

@@ -39,10 +39,6 @@ def test_a_batch_is_what_the_middleware_would_make_of_it(n, m, intensity, frame,
     assert sequence == 7 and (block.stamps == want.stamps).all()
     assert block.x.tobytes() == want.x.tobytes() and block.z.tobytes() == want.z.tobytes()
     assert block.x.shape == block.z.shape == (n, m)
-    if intensity:
-        assert block.intensity.tobytes() == want.intensity.tobytes()
-    else:
-        assert block.intensity is None
 
 
 def test_the_points_are_not_copied():
@@ -85,7 +81,6 @@ def test_damaged_bytes_are_refused_or_still_fit_together(at, noise, cut):
         ),
         (lambda m: setattr(m, 'points_per_profile', 5), 'batch 7: x has 12 values'),
         (lambda m: setattr(m, 'z', floats(np.zeros(11))), 'batch 7: z has 11 values'),
-        (lambda m: setattr(m, 'intensity', floats(np.zeros(1))), 'intensity has 1 values, not 0'),
     ],
 )
 def test_counts_that_do_not_fit_are_named(change, text):

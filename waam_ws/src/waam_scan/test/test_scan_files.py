@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from waam_scan import cli
-from waam_scan.recordings.files import load_map
+from waam_scan.map_file import load_map
 
 CELL = 0.5e-3
 

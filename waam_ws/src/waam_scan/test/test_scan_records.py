@@ -14,8 +14,8 @@ from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 from waam_scan import cli
 from waam_scan.calibration.scan_pass import Pass
-from waam_scan.recordings.files import FileError, load_map
-from waam_scan.recordings.scan_records import passes, recorded_mounting
+from waam_scan.map_file import FileError, load_map
+from waam_scan.scan_records import passes, recorded_mounting
 
 START = 1_700_000_000_000_000_000
 KINDS = {'/telemetry': 'waam_msgs/msg/Telemetry', '/profiles': 'waam_msgs/msg/ProfileBatch'}

@@ -7,7 +7,7 @@ import waam_scan
 from waam_scan.node_waiting import Event, first, start
 
 PLUMBING = {
-    'conversions.py', 'fusion_monitor.py', 'node_scanner.py', 'node_waiting.py', 'scan_fusion_node.py',
+    'conversions.py', 'node_monitor.py', 'node_waiting.py', 'scan_fusion_node.py',
 }  # fmt: skip
 
 

@@ -1,59 +1,40 @@
-"""`waam scan`: maps from recorded profiles, and pictures of maps."""
+"""`waam scan`: maps from recorded profiles, pictures of maps, calibration, registration, missing metal."""
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-
-from . import cli_register
+from typing import Any
 
 FUSE_EPILOG = """\
-PATH is a recorded job, a folder with the recording of a wall, a pass of a scanner with poses, or a cloud.
+PATH is a recorded job, a pass of a scanner with poses, or a cloud.
 
 A recorded job is its folder, the folder of its record, or an .mcap file: profile batches and telemetry. Every scan
 (profiles without a pause of more than a second) gives a map of its own, scan_000 ..., with the mounting that the job
-used unless --calibration or --mount says otherwise.
+used unless --calibration or --mount says otherwise. Logs of others: waam record import first.
 
 A pass (.npz) holds profiles and poses: stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return; pose_stamps (k,)
 int64 ns, poses (k, 3) in m of the wire tip, work frame. Where the scanner sits comes from --calibration (a file of
 waam scan calibrate) or --mount. All passes go into one map, in whatever direction they ran. A cloud (.pcd, .ply,
 .xyz, .npy) gives one map each; --scale tells its unit.
 
-A folder holds one recording of a wall:
-  LaserCoordinate1.csv, LaserCoordinate2.csv ...  raw profiles: TimeReceived,X,Z,Intensity; the points of a profile are
-                      space-separated, in mm. 1 is the scan before the first layer, 2 the one after it, and so on.
-  arc_log.csv         the robot's log: time (minute:second.tenth), x, y, z in mm, speed and WFS in m/min, ArcOn, I, U
-
-From these it finds out when and where the robot scanned, how far the two clocks are apart, where the scanner sits
-beside the torch and where the substrate is (the README of waam_scan says how), and writes per scan
-  scan_000.npz ...    z, sigma, count, origin, resolution (m; NaN = never seen), the format of jobs/*/layers
-  scan_000.png ...    the map and the bead top along the wall
-and with --ply the surface for other tools. Heights are above the substrate.
+Written are per map NAME.npz (z, sigma, count, origin, resolution; m, NaN = never seen: the format of jobs/*/layers),
+NAME.png and with --ply the surface for other tools.
 
 examples:
-  waam scan fuse ../shared/data/wall_profiles
-  waam scan fuse recordings/monday recordings/tuesday --out maps --cell 0.5 --ply
   waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
   waam scan fuse wall.pcd --cell 0.5 --fill 2
-What is bad is left out by name and the rest goes on: a line that cannot be read, a profile of one point or of less than
-a tenth of the usual number, a scan without returns, telemetry or motion. Each is said with file, line (or profile,
-counted from 0) and reason, with the count at the end. Only when nothing is left it fails.
+
+What is bad is left out by name and the rest goes on: a profile of one point, a scan without returns, telemetry or
+motion. Each is said with file, profile (counted from 0) and reason, with the count at the end. Only when nothing is
+left it fails.
 
 A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
-area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture. """
-FILTER_EPILOG = """\
-FILE is a table with the columns Layer, ScanID, Timestamp (s), SensorTimestamp, PointNr, X, Z (mm), one point per
-line, as measured beside the burning arc. Every profile is cut where neighbouring points jump; the piece that fits
-what was seen before gives the crown of the bead, and a causal filter joins the crowns. Writes
-  NAME_filtered.csv   time, median of the profile, crown, its uncertainty, filtered height, its uncertainty, used
-  NAME_filtered.png   points, and the series beside a running median
-and compares spikes, noise, correlation of neighbours and delay with a plain median filter.
-
-example:
-  waam scan filter ../shared/data/inprocess_profiles/Representative_Layer_raw_points.csv --out maps
+area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture.
 """
 PICTURE_EPILOG = """\
 examples:
@@ -61,99 +42,147 @@ examples:
   waam scan picture maps/scan_002.npz --png wall.png --ply wall.ply --range -0.5 7
 """
 INFO_EPILOG = """\
-Knows maps and passes (.npz), clouds (.pcd, .ply, .xyz, .npy), LaserCoordinateN.csv (raw profiles), arc_log.csv (robot
-log) and profiles measured beside the arc (Layer,ScanID,Timestamp,SensorTimestamp,PointNr,X,Z, one point per line).
+Knows maps and passes (.npz) and clouds (.pcd, .ply, .xyz, .npy); of recordings: waam record info.
 
 example:
-  waam scan info ../shared/data/wall_profiles/LaserCoordinate2.csv jobs/latest/layers/scan_000.npz
+  waam scan info wall.pcd jobs/latest/layers/scan_000.npz
 """
+CALIBRATE_EPILOG = """\
+ARTEFACT.yaml describes a body of known shape on the table and where it stands in work coordinates, in mm:
+  kind: block                     a truncated pyramid: one artefact that shows everything
+  top_mm: [20, 14]                size of its top (x, y); a slope of 45 deg on every side, or  slope_deg: [40, 50]
+  height_mm: 12
+  position_mm: [100, 60, 0]       of the middle of its foot; touch it off with the wire
+  position_sigma_mm: 0.01         how well that is known; .inf = not at all (then the offset cannot be observed)
+  yaw_deg: 0                      with  yaw_sigma_deg: 0.01
+or
+  kind: spheres                   balls on the table, three at different heights or one scanned from many places
+  spheres: [{center_mm: [0, 0, 15], radius_mm: 10}, ...]   relative to position_mm
+
+SCAN is the folder or .mcap file of a recording (every scan in it is a pass), or a file .npz with one pass:
+stamps (n,) int64 ns, x and z (n, m) in m, NaN = no return, of the profiles;
+pose_stamps (k,) int64 ns, poses (k, 3) in m of the wire tip, work frame. Scan with passes both ways and across, at two
+heights: passes in one direction only cannot tell the time offset from the position, and the program says so.
+
+examples:
+  waam scan calibrate block.yaml pass_*.npz --out calibration.yaml
+  waam scan calibrate block.yaml jobs/latest
+  waam scan calibrate spheres.yaml pass_*.npz --start-xyz 60 0 120 --start-rpy 0 0 90
+Refuses when the motion does not observe the pose, and names the direction.
+--accept-unobserved keeps the start value there.
+"""
+REGISTER_EPILOG = """\
+Finds the rigid motion that brings SCAN onto the reference: an earlier scan (drift, distortion) or the nominal STL
+(placement of the part). Metal that was added or is missing is not taken for motion. What a flat or round surface
+cannot show (sliding on a plane, turning about the axis of a shaft) is left unmoved and named.
+SCAN: PLY, PCD or NPY cloud (--scale: m per unit, default 0.001 = mm) or a map (.npz, in m).
+With three or more clouds, or --sequence: a scanner whose poses are missing (hand-held, carried by a robot); every cloud
+is placed against the map of those before (KISS-ICP, then refined), a trajectory and one cloud are written.
+
+examples:
+  waam scan register scan_004.npz scan_003.npz                   drift since the last layer, new metal allowed
+  waam scan register found.ply roller.stl --search --change wear placed anywhere on the table, worn
+  waam scan register frame_*.ply --out track
+Writes registration.json (transform, uncertainty, what is unobserved), registration.png and, with --moved, the cloud.
+"""
+COMPARE_EPILOG = """\
+The metal that is missing between the scan and the nominal surface, looking down: what a restoration must add.
+SCAN and NOMINAL must be in the same coordinates; --register aligns first (see waam scan register).
+
+examples:
+  waam scan compare roller.stl found.ply --register --allowance 1.0 --out wear
+  waam plan roller.stl --as-found wear/as_found.npz --set allowance=0.001
+Writes missing.npz (z = missing metal, nominal, found; m), as_found.npz (the worn surface in the planner's frame),
+missing.png and missing.json (volume with uncertainty, bounding box, deepest place, regions, share not seen).
+"""
+CHANGE = {  # of register and compare; the default of --change differs
+    '--scale': {'type': float, 'default': 1e-3, 'help': 'm per unit of clouds and meshes, default 0.001'},
+    '--reach': {'type': float, 'default': 3.0, 'metavar': 'MM', 'help': 'largest motion to look for (default 3)'},
+    '--seed': {'type': int, 'default': 0, 'help': 'of the choice of points (default 0)'},
+}  # fmt: skip
+HOW = 'how SCAN may differ besides the motion: metal was added, is missing, or either'
 
 
 def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `scan` to the sub-parsers of the waam command."""
     scan = commands.add_parser('scan', help='height maps from laser profiles, and pictures of them')
     verbs = scan.add_subparsers(dest='verb', metavar='VERB', required=True)
-    fuse = _leaf(
-        verbs, 'fuse', 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG
-    )
-    fuse.add_argument(
-        'paths',
-        nargs='+',
-        type=Path,
-        metavar='PATH',
-        help='recorded job, folder of a wall, passes, clouds',
-    )
-    fuse.add_argument(
-        '--out',
-        type=Path,
-        metavar='DIR',
-        help='where to write (default: maps/<name of the recording>, maps for files)',
-    )
-    fuse.add_argument(
-        '--cell',
-        type=_cell_mm,
-        default=1.0,
-        metavar='MM',
-        help='edge of a cell in mm (default 1.0)',
-    )
-    fuse.add_argument('--ply', action='store_true', help='also write the surface as PLY mesh (mm)')
-    _add_fuse_options(fuse)
-    fuse.set_defaults(run_command=run_fuse)
-    sift = _leaf(
-        verbs, 'filter', 'profiles from beside the arc -> bead height over time', FILTER_EPILOG
-    )
-    sift.add_argument('files', nargs='+', type=Path, metavar='FILE')
-    sift.add_argument('--out', type=Path, default=Path('maps'), metavar='DIR', help='default: maps')
-    sift.add_argument(
-        '--height', action='store_true', help='Z of the file grows upwards (default: a distance)'
-    )
-    sift.set_defaults(run_command=run_filter)
-    picture = _leaf(verbs, 'picture', 'a map file as PNG picture or PLY surface', PICTURE_EPILOG)
-    picture.add_argument('map', type=Path, help='NPZ file of a map')
-    picture.add_argument('--png', type=Path, help='picture to write (default: beside the map)')
-    picture.add_argument('--ply', type=Path, help='PLY mesh to write (mm)')
-    picture.add_argument(
-        '--range', nargs=2, type=float, metavar=('LOW', 'HIGH'), help='colour range in mm'
-    )
-    picture.set_defaults(run_command=run_picture)
-    info = _leaf(verbs, 'info', 'what a file of profiles, a robot log or a map holds', INFO_EPILOG)
-    info.add_argument('files', nargs='+', type=Path, metavar='FILE')
-    info.set_defaults(run_command=run_info)
-    cli_register.add_commands(verbs)
+    for name, (run, text, epilog, options) in _verbs().items():
+        verb = verbs.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=epilog,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for option, settings in options.items():
+            verb.add_argument(option, **settings)
+        verb.set_defaults(run_command=lambda args, run=run: _guarded(run, args))
 
 
-def _add_fuse_options(fuse: argparse.ArgumentParser) -> None:
-    fuse.add_argument('--calibration', type=Path, metavar='FILE', help='where the scanner sits')
-    fuse.add_argument(
-        '--mount', nargs=6, type=float, metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
-        help='the same in mm and degrees (default 60 0 120 0 0 90, for a recorded job: what it used)',
-    )  # fmt: skip
-    fuse.add_argument(
-        '--scale',
-        type=float,
-        default=1e-3,
-        metavar='M',
-        help='m per unit of clouds (default 0.001: mm)',
-    )
-    fuse.add_argument(
-        '--fill',
-        type=float,
-        default=0.0,
-        metavar='MM2',
-        help='fill holes up to this area in mm² (default 0: none)',
-    )
-
-
-def _leaf(
-    verbs: argparse._SubParsersAction, name: str, text: str, epilog: str
-) -> argparse.ArgumentParser:
-    return verbs.add_parser(
-        name,
-        help=text,
-        description=text,
-        epilog=epilog,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[str, Any]]]:
+    """Name -> what it does, one line of help, its page, its options."""
+    return {
+        'fuse': (fuse, 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG, {
+            'paths': {'nargs': '+', 'type': Path, 'metavar': 'PATH', 'help': 'recorded job, passes, clouds'},
+            '--out': {'type': Path, 'metavar': 'DIR',
+                      'help': 'where to write (default: maps/<name of the recording>, maps for files)'},
+            '--cell': {'type': _cell_mm, 'default': 1.0, 'metavar': 'MM', 'help': 'edge of a cell in mm (default 1.0)'},
+            '--ply': {'action': 'store_true', 'help': 'also write the surface as PLY mesh (mm)'},
+            '--calibration': {'type': Path, 'metavar': 'FILE', 'help': 'where the scanner sits'},
+            '--mount': {'nargs': 6, 'type': float, 'metavar': ('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
+                        'help': 'the same in mm and degrees (default 60 0 120 0 0 90; of a recorded job what it used)'},
+            '--scale': {'type': float, 'default': 1e-3, 'metavar': 'M',
+                        'help': 'm per unit of clouds (default 0.001: mm)'},
+            '--fill': {'type': float, 'default': 0.0, 'metavar': 'MM2',
+                       'help': 'fill holes up to this area in mm² (default 0: none)'},
+        }),
+        'picture': (picture, 'a map file as PNG picture or PLY surface', PICTURE_EPILOG, {
+            'map': {'type': Path, 'help': 'NPZ file of a map'},
+            '--png': {'type': Path, 'help': 'picture to write (default: beside the map)'},
+            '--ply': {'type': Path, 'help': 'PLY mesh to write (mm)'},
+            '--range': {'nargs': 2, 'type': float, 'metavar': ('LOW', 'HIGH'), 'help': 'colour range in mm'},
+        }),
+        'info': (info, 'what a map, a pass or a cloud holds', INFO_EPILOG, {
+            'files': {'nargs': '+', 'type': Path, 'metavar': 'FILE'},
+        }),
+        'calibrate': (calibrate, 'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG, {
+            'artefact': {'type': Path, 'metavar': 'ARTEFACT', 'help': 'YAML file of the artefact'},
+            'scans': {'type': Path, 'nargs': '+', 'metavar': 'SCAN', 'help': 'recording or NPZ file of one pass'},
+            '--out': {'type': Path, 'default': Path('calibration.yaml'), 'help': 'default calibration.yaml'},
+            '--start-xyz': {'nargs': 3, 'type': float, 'default': (60.0, 0.0, 120.0), 'metavar': 'MM',
+                            'help': 'scanner origin from the wire tip, roughly (default 60 0 120)'},
+            '--start-rpy': {'nargs': 3, 'type': float, 'default': (0.0, 0.0, 90.0), 'metavar': 'DEG',
+                            'help': 'its roll, pitch, yaw, roughly (default 0 0 90)'},
+            '--start-delay': {'type': float, 'default': 0.0, 'metavar': 'MS',
+                              'help': 'added to profile stamps, roughly (default 0)'},
+            '--accept-unobserved': {'action': 'store_true',
+                                    'help': 'keep the start value where the scans show nothing, instead of refusing'},
+        }),
+        'register': (align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG, {
+            'clouds': {'type': Path, 'nargs': '+', 'metavar': 'SCAN', 'help': 'SCAN REFERENCE, or frames'},
+            '--change': {'choices': ('growth', 'wear', 'any'), 'default': 'growth', 'help': f'{HOW} (default growth)'},
+            **CHANGE,
+            '--search': {'action': 'store_true', 'help': 'the part may lie anywhere, turned about z by any angle'},
+            '--sequence': {'action': 'store_true', 'help': 'frames without poses: odometry'},
+            '--voxel': {'type': float, 'default': 0.5, 'metavar': 'MM', 'help': 'of the odometry (default 0.5)'},
+            '--out': {'type': Path, 'default': Path('registration'), 'help': 'folder for the results'},
+            '--moved': {'action': 'store_true', 'help': 'also write the moved cloud as PLY (mm)'},
+        }),
+        'compare': (compare, 'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG, {
+            'nominal': {'type': Path, 'metavar': 'NOMINAL', 'help': 'mesh: STL, PLY, OBJ or OFF'},
+            'scan': {'type': Path, 'metavar': 'SCAN', 'help': 'cloud or map'},
+            '--allowance': {'type': float, 'default': 0.0, 'metavar': 'MM',
+                            'help': 'machining allowance on top of nominal (default 0)'},
+            '--cell': {'type': float, 'default': 0.5, 'metavar': 'MM', 'help': 'edge of a cell (default 0.5)'},
+            '--register': {'action': 'store_true', 'help': 'align the scan first'},
+            '--search': {'action': 'store_true',
+                         'help': 'with --register: the part may lie anywhere on the table'},
+            '--change': {'choices': ('growth', 'wear', 'any'), 'default': 'wear', 'help': f'{HOW} (default wear)'},
+            **CHANGE,
+            '--out': {'type': Path, 'default': Path('compare'), 'help': 'folder for the results'},
+        }),
+    }  # fmt: skip
 
 
 def _cell_mm(text: str) -> float:
@@ -163,57 +192,45 @@ def _cell_mm(text: str) -> float:
     return value
 
 
-def _guarded(action: Callable[[], None]) -> int:
-    """Runs an action; bad input is one clear line and status 1."""
+def _guarded(action: Callable[[argparse.Namespace], None], args: argparse.Namespace) -> int:
+    """Exit status: 0, or 1 with the reason on stderr in one line."""
     try:
-        action()
+        action(args)
     except (ValueError, OSError) as e:
         print(f'error: {e}', file=sys.stderr)
         return 1
     return 0
 
 
-def run_fuse(args: argparse.Namespace) -> int:
-    """A map per record and folder, one of all single files. What is bad is left out by name. Exit status: 0, or 1 with
-    the reason on stderr when nothing is left."""
+def fuse(args: argparse.Namespace) -> None:
+    """A map per scan of a record, one of all single files. What is bad is left out by name."""
     from .commands.fuse_files import check_paths, fuse_files, fuse_record
-    from .commands.wall_report import fuse_folder
-    from .recordings.left_out import LeftOut, tell
-    from .recordings.scan_records import record_files
+    from .left_out import LeftOut, tell
+    from .scan_records import record_files
 
-    def action() -> None:
-        options, cell = _fuse_options(args), args.cell * 1e-3
-        check_paths(args.paths)
-        left_out, made = LeftOut(), 0
-        recorded = [p for p in args.paths if record_files(p)]
-        files = [p for p in args.paths if not p.is_dir() and p not in recorded]
-        for path in args.paths:
-            out = args.out or Path('maps') / path.resolve().stem
-            if args.out and len(args.paths) > 1:
-                out = args.out / path.resolve().stem
-            try:
-                if path in recorded:
-                    made += fuse_record(path, out, cell, options, left_out)
-                elif path.is_dir():
-                    fuse_folder(path, out, cell, args.ply, left_out)
-                    made += 1
-            except ValueError as e:
-                if len(args.paths) == 1:
-                    raise
-                left_out.add('scan', path, '', e)
-        if files:
-            made += fuse_files(files, args.out or Path('maps'), cell, options, left_out)
-        if not made:
-            raise left_out.nothing_left(', '.join(map(str, args.paths)))
-        tell(left_out)
-
-    return _guarded(action)
+    options, cell = _fuse_options(args), args.cell * 1e-3
+    check_paths(args.paths)
+    left_out, made = LeftOut(), 0
+    recorded = [p for p in args.paths if p.is_dir() or record_files(p)]
+    for path in recorded:
+        out = args.out or Path('maps') / path.resolve().stem
+        if args.out and len(args.paths) > 1:
+            out = args.out / path.resolve().stem
+        try:
+            made += fuse_record(path, out, cell, options, left_out)
+        except ValueError as e:
+            if len(args.paths) == 1:
+                raise
+            left_out.add('scan', path, '', e)
+    if files := [p for p in args.paths if p not in recorded]:
+        made += fuse_files(files, args.out or Path('maps'), cell, options, left_out)
+    if not made:
+        raise left_out.nothing_left(', '.join(map(str, args.paths)))
+    tell(left_out)
 
 
 def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
-    """What scan_files.fuse_files wants, in SI."""
-    import math
-
+    """What `fuse_files` wants, in SI."""
     from .transform import Mounting
 
     mounting = None
@@ -231,60 +248,54 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
     )
 
 
-def run_filter(args: argparse.Namespace) -> int:
-    """Filters recorded profiles file by file. What is bad is left out by name. Exit status: 0, or 1 with the reason on
-    stderr when nothing is left."""
-    from .commands.inprocess_report import filter_file
-    from .recordings.left_out import LeftOut, tell
-
-    def action() -> None:
-        left_out, made = LeftOut(), 0
-        for path in args.files:
-            try:
-                filter_file(path, args.out, not args.height, left_out)
-                made += 1
-            except ValueError as e:
-                left_out.add('file', path, '', e)
-        if not made:
-            raise left_out.nothing_left(', '.join(map(str, args.files)))
-        tell(left_out)
-
-    return _guarded(action)
-
-
-def run_picture(args: argparse.Namespace) -> int:
-    """PNG and PLY of a stored map; PNG when none is asked for. Exit status: 0, or 1 with the reason on stderr."""
+def picture(args: argparse.Namespace) -> None:
+    """PNG and PLY of a stored map; PNG when none is asked for."""
     from .commands.picture import save_ply, save_png
-    from .recordings.files import load_map
+    from .map_file import load_map
 
-    def action() -> None:
-        grid = load_map(args.map)
-        png = args.png or (None if args.ply else args.map.with_suffix('.png'))
-        if png:
-            save_png(png, grid.spec, grid.z, args.map.stem, args.range)
-            print(png)
-        if args.ply:
-            save_ply(args.ply, grid.spec, grid.z)
-            print(args.ply)
-
-    return _guarded(action)
+    grid = load_map(args.map)
+    png = args.png or (None if args.ply else args.map.with_suffix('.png'))
+    if png:
+        save_png(png, grid.spec, grid.z, args.map.stem, args.range)
+        print(png)
+    if args.ply:
+        save_ply(args.ply, grid.spec, grid.z)
+        print(args.ply)
 
 
-def run_info(args: argparse.Namespace) -> int:
-    """One line per file; one that cannot be read is named and the rest goes on. Exit status: 0, or 1 when none can."""
+def info(args: argparse.Namespace) -> None:
+    """One line per file; one that cannot be read is named and the rest goes on."""
     from .commands.file_info import describe
-    from .recordings.left_out import LeftOut, tell
+    from .left_out import LeftOut, tell
 
-    def action() -> None:
-        left_out, told = LeftOut(), 0
-        for path in args.files:
-            try:
-                print(f'{path}: {describe(path, left_out)}')
-                told += 1
-            except ValueError as e:
-                left_out.add('file', path, '', e)
-        if not told:
-            raise left_out.nothing_left(', '.join(map(str, args.files)))
-        tell(left_out)
+    left_out, told = LeftOut(), 0
+    for path in args.files:
+        try:
+            print(f'{path}: {describe(path)}')
+            told += 1
+        except ValueError as e:
+            left_out.add('file', path, '', e)
+    if not told:
+        raise left_out.nothing_left(', '.join(map(str, args.files)))
+    tell(left_out)
 
-    return _guarded(action)
+
+def calibrate(args: argparse.Namespace) -> None:
+    """Refuses a motion that does not show the pose."""
+    from .commands.calibration_report import calibrate_files
+
+    calibrate_files(args)
+
+
+def align(args: argparse.Namespace) -> None:
+    """Registration or odometry."""
+    from .commands.registration_report import register_files
+
+    register_files(args)
+
+
+def compare(args: argparse.Namespace) -> None:
+    """Missing metal."""
+    from .commands.compare_report import compare_files
+
+    compare_files(args)

@@ -14,12 +14,12 @@ from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds, paths_from_msg
 from waam_process.grid import GridError, GridSpec
 
-from .bead_width import BeadWidth
-from .fusion.height_map import FusedMap
+from .map_maker import ScanMap
 from .stream.point_fields import CloudLayout, profiles_of
 from .stream.profiles import ProfileBlock, block_of
 from .stream.session import LaidBeads, Session
 
+MAX_CELLS = 2_000_000  # of a grid: 0.7 GB
 Response = TypeVar('Response', BeginScan.Response, FinishScan.Response)
 
 
@@ -28,11 +28,11 @@ def block_from_msg(msg: ProfileBatch) -> ProfileBlock:
     return block_of(
         msg.sequence, msg.profile_count, msg.points_per_profile, nanoseconds(msg.header.stamp),
         np.frombuffer(msg.stamp_offsets_ns, np.int64),
-        *(np.frombuffer(v, np.float32) for v in (msg.x, msg.z, msg.intensity)),
+        *(np.frombuffer(v, np.float32) for v in (msg.x, msg.z)),
     )  # fmt: skip
 
 
-def block_from_cloud(msg: PointCloud2, down: bool, nearest: float, period_ns: int) -> ProfileBlock:
+def block_from_cloud(msg: PointCloud2, down: bool, period_ns: int) -> ProfileBlock:
     """A driver's cloud: one profile per row, `period_ns` apart. ValueError says what is wrong with it."""
     fields = tuple((f.name, f.offset, f.datatype, f.count) for f in msg.fields)
     layout = CloudLayout(
@@ -42,21 +42,19 @@ def block_from_cloud(msg: PointCloud2, down: bool, nearest: float, period_ns: in
         raise ValueError(
             f'the cloud holds {msg.height} profiles but one stamp: set the parameter points_period'
         )
-    x, z, light = profiles_of(layout, msg.data, down, nearest)
+    x, z = profiles_of(layout, msg.data, down)
     stamps = nanoseconds(msg.header.stamp) + period_ns * np.arange(len(x), dtype=np.int64)
-    return ProfileBlock(stamps, x, z, light)
+    return ProfileBlock(stamps, x, z)
 
 
-def checked_grid(msg: GridInfo, max_cells: int) -> GridSpec:
+def checked_grid(msg: GridInfo) -> GridSpec:
     """GridError also for a rotated grid and for more cells than the node may hold."""
     q = msg.origin.orientation
     if abs(q.x) + abs(q.y) + abs(q.z) > 1e-9:
         raise GridError('a rotated grid is not supported: origin.orientation must be the identity')
     spec = grid_from_msg(msg)
-    if spec.rows * spec.cols > max_cells:
-        raise GridError(
-            f'{spec.rows} x {spec.cols} cells are more than the limit of {max_cells} (parameter max_cells)'
-        )
+    if spec.rows * spec.cols > MAX_CELLS:
+        raise GridError(f'{spec.rows} x {spec.cols} cells are more than the limit of {MAX_CELLS}')
     return spec
 
 
@@ -77,25 +75,20 @@ def laid_beads(request: BeginScan.Request) -> LaidBeads:
     return LaidBeads(tuple(paths), tuple(split))
 
 
-def map_to_msg(session: Session, fused: FusedMap, doubts: list[str], width: BeadWidth) -> HeightMap:
-    """The map of a scan, stamped with its newest used profile; plausible when there are no `doubts`."""
-    stamp_ns = session.assembler.newest_used_ns or 0
+def map_to_msg(session: Session, found: ScanMap) -> HeightMap:
+    """The map of a scan, stamped with its newest used profile; plausible when there are no doubts."""
     header = Header(frame_id='work')
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
-    counts = session.assembler.counts
-    msg = HeightMap(
-        header=header, job_id=session.job_id, scan_id=session.scan_id, layer=session.layer
-    )
-    msg.grid = grid_to_msg(fused.spec)
-    msg.z, msg.sigma = floats(fused.z), floats(fused.sigma)
-    msg.count = array('H', fused.count.tobytes())
-    msg.coverage, msg.residual = fused.coverage, fused.residual
-    msg.plausible, msg.reasons = not doubts, doubts + session.notes()
-    msg.profiles_used, msg.profiles_rejected = counts.used, counts.rejected
-    msg.points_used, msg.points_rejected = fused.points_used, fused.points_rejected
-    msg.bead_width, msg.bead_width_u = width.width, width.u
-    msg.bead_width_expected, msg.bead_width_sections = width.expected, width.sections
-    return msg
+    header.stamp.sec, header.stamp.nanosec = divmod(session.newest_used_ns or 0, 1_000_000_000)
+    fused, counts, width = found.fused, session.counts, found.width
+    return HeightMap(
+        header=header, job_id=session.job_id, scan_id=session.scan_id, layer=session.layer,
+        grid=grid_to_msg(fused.spec), z=floats(fused.z), sigma=floats(fused.sigma),
+        count=array('H', fused.count.tobytes()), coverage=fused.coverage, residual=fused.residual,
+        plausible=not found.doubts, reasons=found.doubts + session.notes(), profiles_used=counts.used,
+        profiles_rejected=counts.rejected, points_used=fused.points_used, points_rejected=fused.points_rejected,
+        bead_width=width.width, bead_width_u=width.u, bead_width_expected=width.expected,
+        bead_width_sections=width.sections,
+    )  # fmt: skip
 
 
 def answer(response: Response, code: int, message: str) -> Response:

@@ -8,8 +8,8 @@ from waam_msgs.msg import Anomaly
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.qos import EVENTS
 
-from .fusion.height_map import FusedMap
 from .fusion.quality import MapQuality, assess
+from .map_maker import ScanMap
 from .stream.poses import PoseTrack
 from .stream.session import Session
 
@@ -60,11 +60,11 @@ class FusionMonitor:
         self._node.level, self._node.message = WARN, text
         self.anomaly(text, Anomaly.FAULT, session)
 
-    def new_map(self, session: Session, fused: FusedMap, doubts: list[str], latency: float) -> None:
+    def new_map(self, session: Session, found: ScanMap, latency: float) -> None:
         """latency: s from the arrival of the last profile to the published map, wall time."""
+        fused, doubts, counts = found.fused, found.doubts, session.counts
         self.count['maps'] += 1
         self._node.level, self._node.message = (WARN, doubts[0]) if doubts else (OK, 'ok')
-        counts = session.assembler.counts
         self._node.values |= {
             'map_latency_ms': f'{latency * 1e3:.1f}',
             'coverage': f'{fused.coverage:.4f}',
@@ -100,7 +100,7 @@ class FusionMonitor:
         track = self._track
         self._node.values |= self.count | {
             'scanning': session is not None,
-            'profiles_waiting': session.assembler.waiting if session else 0,
+            'profiles_waiting': session.waiting if session else 0,
             'poses': len(track),
             'poses_repeated': track.repeated,
             'poses_out_of_order': track.out_of_order,

@@ -9,33 +9,33 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, PointCloud2
+from std_srvs.srv import SetBool
 
 import waam_node.node
-from waam_msgs.msg import Anomaly, HeightMap, JobStatus, Telemetry
+from waam_msgs.msg import Anomaly, HeightMap, JobStatus, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node import job_folder
 from waam_node.cdr import read_pose
 from waam_node.conversions import image_to_msg, nanoseconds
 from waam_node.deferred import Deferred, create_deferred_service
 from waam_node.node import WaamNode
-from waam_node.qos import LATCHED, TELEMETRY
+from waam_node.qos import LATCHED, PROFILES, SENSOR, TELEMETRY
 from waam_process.grid import GridError
 
-from .conversions import answer, checked_grid, laid_beads, map_to_msg
+from .conversions import answer, block_from_cloud, checked_grid, laid_beads, map_to_msg
 from .fusion import height_map as fusion
 from .fusion_params import FusionParams
-from .node_input import Make, ProfileInput
+from .map_maker import MapMaker
 from .node_monitor import FusionMonitor
-from .node_scanner import ScannerSwitch
 from .node_waiting import Event, after, first, start
-from .stream.assembler import Assembler
-from .stream.poses import PoseTrack
-from .stream.session import EndWatch, PreviousMap, Session, Surfaces
+from .stream.profiles import ProfileBlock, read_batch
+from .stream.session import EndWatch, Session
 
 RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
 ENDED = (JobStatus.IDLE, JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
+ANSWER_S = 5.0  # steady time that the scanner may take to obey
 
 
 class ScanFusion(WaamNode):
@@ -44,12 +44,10 @@ class ScanFusion(WaamNode):
     def __init__(self) -> None:
         super().__init__('scan_fusion', FusionParams)
         p = self.params
-        self._mounting = p.mounting
-        self._track = PoseTrack(max(2, int(p.telemetry_seconds * p.telemetry_rate)))
+        self._maker = MapMaker(p)
+        self._track = self._maker.track
         self._raw: deque[bytes] = deque(maxlen=RAW_KEPT)
         self._session: Session | None = None  # the scan that runs
-        self._kept: Session | None = None  # the last one that gave a map
-        self._surfaces = Surfaces()  # of the last maps that were plausible
         self._beginning = False
         self._complete = Event()
         self._ended_job = ''  # it gets no scan any more, however late it asks
@@ -57,12 +55,15 @@ class ScanFusion(WaamNode):
         self._last_batch = time.monotonic()
         fusion.warm_up()
         self._monitor = FusionMonitor(self, self._track)
-        self._scanner = ScannerSwitch(self, p.scanner_wait, p.answer_wait)
+        self._scanner = self.create_client(SetBool, 'scanner/enable')
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
         self._images = self.create_publisher(Image, 'height_image', LATCHED)
         self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
         self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
-        ProfileInput(self, self._on_batch)
+        # batches are taken as they come over the wire: a message object would be two more copies of a megabyte
+        self.create_subscription(ProfileBatch, 'profiles', self._on_profiles, PROFILES, raw=True)
+        self.create_subscription(PointCloud2, 'points', self._on_points, SENSOR)
+        self._clouds = 0  # they carry no number; what is lost shows as a pause between stamps
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
             (FinishScan, '~/finish', self._finish),
@@ -70,7 +71,7 @@ class ScanFusion(WaamNode):
             create_deferred_service(self, kind, name, partial(self._serve, work))
         self.create_timer(1.0, lambda: self._monitor.report(self._session), clock=self.steady)
         # The first line that a process logs takes some 50 ms: not in the middle of the first scan.
-        self.get_logger().info(f'ready, grids up to {p.max_cells} cells, {p.threads} threads')
+        self.get_logger().info(f'ready, {p.threads} threads')
 
     def _on_telemetry(self, data: bytes) -> None:
         """Up to 1500 times a second of wall time: nothing is read before a profile needs it."""
@@ -79,7 +80,7 @@ class ScanFusion(WaamNode):
         session = self._session
         if session and session.closing:
             self._read_telemetry()
-            session.assembler.resolve()
+            session.resolve()
             if session.complete:
                 self._complete.set()
         elif session and len(self._raw) >= RAW_KEPT // 2:
@@ -100,13 +101,23 @@ class ScanFusion(WaamNode):
             if trouble:
                 self.get_logger().warning(f'scanner not switched off: {trouble}')
 
-        start(self._scanner.set(False), done, lambda e: done(str(e)))
+        start(self._switch(False), done, lambda e: done(str(e)))
 
     def _read_telemetry(self) -> None:
         while self._raw:
             self._track.append(*read_pose(self._raw.popleft()))
 
-    def _on_batch(self, make: Make) -> None:
+    def _on_profiles(self, data: bytes) -> None:
+        self._on_batch(lambda: read_batch(data))
+
+    def _on_points(self, msg: PointCloud2) -> None:
+        p, number = self.params, self._clouds
+        self._clouds += 1
+        period = round(p.points_period * 1e9)
+        self._on_batch(lambda: (number, block_from_cloud(msg, p.points_down, period)))
+
+    def _on_batch(self, make: Callable[[], tuple[int, ProfileBlock]]) -> None:
+        """make: gives number and profiles, or raises ValueError."""
         self._monitor.count['batches'] += 1
         session = self._session
         if session is None:
@@ -121,11 +132,11 @@ class ScanFusion(WaamNode):
             self._monitor.anomaly(f'profiles refused: {error}', Anomaly.WARNING, session)
             return
         self._read_telemetry()
-        session.add(sequence, block)
+        session.add_batch(sequence, block)
         if session.complete:
             self._complete.set()
         else:
-            session.refresh(self._last_batch, self.params.refresh_period)
+            session.refresh(self._last_batch)
 
     def _serve(self, work: Callable, request: Any, response: Any) -> Deferred:
         """Runs a coroutine service; its answer is sent when it returns."""
@@ -147,7 +158,7 @@ class ScanFusion(WaamNode):
         if self._session is not None:
             self.get_logger().warning(f'scan {self._session.scan_id} was never finished')
         self._session, self._beginning = session, True
-        trouble = await self._scanner.set(True)
+        trouble = await self._switch(True)
         self._beginning = False
         if self._session is not session:
             trouble = trouble or 'the job has ended'
@@ -171,20 +182,27 @@ class ScanFusion(WaamNode):
         return ''
 
     def _new_session(self, request: BeginScan.Request) -> Session:
-        p = self.params
-        spec = checked_grid(request.grid, p.max_cells)
-        surface = fusion.Fusion(spec, self._mounting, p.fusion, p.threads)
-        if request.keep and self._kept:
-            if (self._kept.job_id, self._kept.spec) != (request.job_id, spec):
-                raise GridError('keep: the map that is there is of another job or grid')
-            surface = self._kept.assembler.fusion
+        spec = checked_grid(request.grid)
         earliest = self.get_clock().now().nanoseconds - CLOCK_GRAIN_NS
-        gap = round(p.max_gap * 1e9)
-        assembler = Assembler(surface, self._track, gap, p.max_waiting, earliest, p.intensity)
         job, last = self._last_scan
         scan_id = last + 1 if job == request.job_id else 0
-        laid = laid_beads(request)
-        return Session(request.job_id, request.layer, scan_id, assembler, laid, time.monotonic())
+        asked = request.job_id, request.layer, scan_id, spec, earliest
+        return self._maker.begin(*asked, laid_beads(request), request.keep)
+
+    async def _switch(self, on: bool) -> str:
+        """Returns '' when the scanner obeyed, else what is wrong."""
+        client, wait = self._scanner, self.params.scanner_wait
+        name, end = client.srv_name, time.monotonic() + wait
+        while not client.service_is_ready():
+            if time.monotonic() > end:
+                return f'no scanner: service {name} is not there (waited {wait:.1f} s)'
+            await after(self, 0.02)
+        future = client.call_async(SetBool.Request(data=on))
+        obeyed = await first(Event.of(future), after(self, ANSWER_S))
+        if obeyed is None:
+            client.remove_pending_request(future)
+            return f'no scanner: service {name} did not answer within {ANSWER_S:.1f} s'
+        return '' if obeyed.success else f'the scanner refused: {obeyed.message}'
 
     async def _finish(
         self, request: FinishScan.Request, response: FinishScan.Response
@@ -199,7 +217,7 @@ class ScanFusion(WaamNode):
         # what is processed now need not wait for the last batch
         session.refresh(time.monotonic(), 0.0)
         try:
-            if trouble := await self._scanner.set(False):
+            if trouble := await self._switch(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')
             if not await self._everything(session):
                 text = f'the end of the scan was not reached in {self.params.finish_timeout:.0f} s'
@@ -212,7 +230,7 @@ class ScanFusion(WaamNode):
     async def _everything(self, session: Session) -> bool:
         """True when everything has arrived or nothing more comes; False when it would never end."""
         self._read_telemetry()
-        session.assembler.resolve()
+        session.resolve()
         p, now = self.params, time.monotonic()
         end, until = now + p.finish_timeout, session.until_ns
         watch = EndWatch(until, p.quiet_time, end, now, self._track.newest_ns)
@@ -230,22 +248,15 @@ class ScanFusion(WaamNode):
 
     def _fuse(self, session: Session, response: FinishScan.Response) -> FinishScan.Response:
         self._read_telemetry()
-        fused = session.close()
-        if fused.points_used == 0:
-            text = f'empty map: {session.assembler.why_empty()}'
-            self._monitor.no_map(text, session)
-            return answer(response, FinishScan.Response.EMPTY, text)
-        doubts = session.doubts(fused, self._surfaces.last, self.params.plausibility)
-        msg = map_to_msg(session, fused, doubts, session.width(fused, self._surfaces))
-        self._maps.publish(msg)
-        self._images.publish(image_to_msg(fused.z, msg.header))
-        self._monitor.new_map(session, fused, doubts, time.monotonic() - self._last_batch)
-        self._kept = session
-        if not doubts:
-            seen = PreviousMap(session.job_id, session.layer, fused.spec, fused.z)
-            self._surfaces.add(seen)
-        response.map = msg
-        return answer(response, FinishScan.Response.OK, '; '.join(msg.reasons))
+        found = self._maker.finish(session)
+        if found.empty:
+            self._monitor.no_map(found.doubts[0], session)
+            return answer(response, FinishScan.Response.EMPTY, found.doubts[0])
+        response.map = map_to_msg(session, found)
+        self._maps.publish(response.map)
+        self._images.publish(image_to_msg(found.fused.z, response.map.header))
+        self._monitor.new_map(session, found, time.monotonic() - self._last_batch)
+        return answer(response, FinishScan.Response.OK, '; '.join(response.map.reasons))
 
     def _failed(self, error: Exception, response: Any) -> Any:
         """A defect of this node: it is logged, and the caller gets an answer."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from rclpy.serialization import serialize_message
 from waam_msgs.msg import JobStatus
 from waam_view import blueprint as bp
 from waam_view import ros_view
-from waam_view.ros_playback import Playback, follow, messages, record_files
+from waam_view.ros_playback import Playback, messages, record_files
 from waam_view.scene import Scene
 from waam_view.viewer import ViewError
 
@@ -148,26 +147,6 @@ def test_no_byte_of_a_record_crashes_the_reading_when_it_is_flipped(tmp_path):
         broken[at] ^= 0xFF
         file.write_bytes(broken)
         assert sum(1 for _ in messages(file)) <= len(whole)
-
-
-def test_live_tail_follows_a_record_across_its_files(job, tmp_path):
-    """A reader that started before the record sees all of it, in two files, with nothing twice."""
-    (tmp_path / 'record').mkdir()
-    scene, over, drawn = Counting(), threading.Event(), []
-    reader = threading.Thread(
-        target=lambda: drawn.append(follow(tmp_path, scene, over.is_set, 0.01)), daemon=True
-    )
-    reader.start()
-    for number in range(2):
-        recording = Recording(tmp_path / f'record/record_{number}.mcap')
-        cell = Cell(recording)
-        for i in range(100):
-            cell.telemetry(100.0 * number + i)
-        recording.close()
-    over.set()
-    reader.join(30)
-    assert not reader.is_alive()
-    assert scene.samples == 200
 
 
 def test_what_cannot_be_shown_is_said(tmp_path):

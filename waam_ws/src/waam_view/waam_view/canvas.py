@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 GRID, INK, BLUE, RED, GREEN, GREY = '#d9dde2', '#1f2933', '#1c6fb8', '#c23b31', '#23833f', '#8a94a0'
@@ -14,9 +13,7 @@ DPI = 130
 
 def new_figure(width: float, height: float) -> Figure:
     """A figure without a screen; inches."""
-    figure = Figure(figsize=(width, height), layout='constrained')
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(width, height), layout='constrained')
 
 
 def png(figure: Figure) -> bytes:

@@ -12,14 +12,13 @@ if TYPE_CHECKING:
 _VIEW_EXAMPLES = """examples:
   waam view jobs/latest                     serves the job in the browser, prints the address; Ctrl-C ends
   waam view jobs/latest --png job.png       one picture of the end of the job, no screen needed
-  waam view jobs/latest --follow            a job that is running, from its record as it is written
   waam view jobs/latest --record            from the record (MCAP), also when the dashboard kept a job.rrd
   waam view jobs/A jobs/B                   jobs side by side, on the time since their start
   waam view jobs/latest/record/record_0.mcap
   waam view plans/roller                    a plan before it is laid (waam plan --out plans/roller), layer by layer
   waam view jobs/latest/plan.npz            the plan of a job
 
-A running graph is seen live as well: `waam up --web-port 9090` serves the dashboard, and the operator's page
+A running graph is seen live: `waam up --web-port 9090` serves the dashboard, and the operator's page
 (`waam panel`) embeds it."""
 
 _REPORT_EXAMPLES = """examples:
@@ -39,7 +38,6 @@ def register(commands: argparse._SubParsersAction) -> None:
         nargs='+',
         help='job or plan folder, .rrd, .mcap or plan.npz; several: side by side',
     )
-    view.add_argument('--follow', action='store_true', help='draw on while the job is recorded')
     view.add_argument(
         '--record', action='store_true', help='from the MCAP even if there is a job.rrd'
     )
@@ -61,10 +59,6 @@ def _view(args: argparse.Namespace) -> int:
 
     paths = [Path(p) for p in args.paths]
     try:
-        if args.follow:
-            from .ros_view import tail
-
-            return tail(paths[0], args.port)
         with tempfile.TemporaryDirectory(prefix='waam_view_') as scratch:
             file = _recording(paths, Path(scratch) / 'view' / 'job.rrd', args.record)
             if args.png:

@@ -2,25 +2,92 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from sensor_msgs.msg import Temperature
 
 from waam_msgs.msg import (
     Anomaly,
     CorrectionMap,
+    HeatFactor,
     HeightMap,
     JobStatus,
     LayerPlan,
     LayerReport,
+    MachineState,
     Segment,
     Telemetry,
 )
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds
 from waam_process.names import job_state
 
-from .scene import CorrectionData, MapData, Sample
+from . import blueprint as bp
+from .scene import CorrectionData, MapData, Sample, Scene
 from .surface import LayerPath
 
 ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
+TYPES = {  # topics that are drawn, but telemetry
+    'height_map': HeightMap, 'correction_map': CorrectionMap, 'layer_plan': LayerPlan, 'heat_factor': HeatFactor,
+    'temperature': Temperature, 'job_status': JobStatus, 'layer_report': LayerReport, 'machine_state': MachineState,
+    'anomaly': Anomaly,
+}  # fmt: skip
+NEWEST = (
+    'height_map',
+    'correction_map',
+    'layer_plan',
+)  # who is late draws only the newest of these
+
+
+class MessageDrawing:
+    """What the messages of a cell draw, live and out of a record alike."""
+
+    def __init__(self) -> None:
+        self._errors = (0.0, 0.0)
+        self._machine = ''
+
+    def of(self, topic: str, msg: Any) -> Callable[[Scene], None]:
+        """topic: of TYPES. Converting and drawing happen when the result is called."""
+        t = nanoseconds(msg.header.stamp)
+        match topic:
+            case 'height_map':
+                return lambda scene: scene.height_map(map_data(msg))
+            case 'correction_map':
+                return lambda scene: scene.correction(correction_data(msg))
+            case 'layer_plan':
+                return lambda scene: scene.plan(t, layer_path(msg))
+            case 'temperature':
+                return lambda scene: scene.scalar(t, bp.TEMPERATURE, msg.temperature)
+            case 'layer_report':
+                return lambda scene: scene.text(t, 0, report_text(msg))
+            case 'anomaly':
+                return lambda scene: scene.text(t, msg.severity, anomaly_text(msg))
+            case 'heat_factor':
+                return lambda scene: _draw_heat(scene, t, msg)
+            case 'machine_state':
+                said, self._machine = self._machine, msg.message
+                if not msg.message or msg.message == said:
+                    return lambda scene: None
+                severity = 2 if msg.fault else 0
+                return lambda scene: scene.text(t, severity, f'machine: {msg.message}')
+        errors, before = (msg.height_error_rms * 1e3, msg.height_error_max * 1e3), self._errors
+        self._errors = errors
+        return lambda scene: _draw_job(scene, t, msg, errors if errors != before else ())
+
+
+def _draw_heat(scene: Scene, t: int, msg: HeatFactor) -> None:
+    scene.scalar(t, bp.HEAT_FACTOR, 100 * msg.factor)
+    scene.scalar(t, bp.LIMIT, msg.interpass_limit)
+
+
+def _draw_job(scene: Scene, t: int, msg: JobStatus, errors: tuple[float, ...]) -> None:
+    """errors: mm, when they have changed."""
+    scene.layer(t, msg.layer)
+    scene.state(t, bp.JOB, job_state(msg.state))
+    scene.status(t, status_text(msg))
+    if errors:
+        scene.scalar(t, bp.RMS, *errors)
 
 
 def sample(msg: Telemetry) -> Sample:

@@ -5,22 +5,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState, Temperature
+from sensor_msgs.msg import JointState
 
-from waam_msgs.msg import (
-    Anomaly,
-    CorrectionMap,
-    HeatFactor,
-    HeightMap,
-    JobStatus,
-    LayerPlan,
-    LayerReport,
-    MachineState,
-    Telemetry,
-)
+from waam_msgs.msg import HeightMap, JobStatus, MachineState, Telemetry
 from waam_node import cdr
 from waam_node.conversions import nanoseconds
 from waam_node.node import OK, WARN, WaamNode
@@ -30,7 +22,6 @@ from waam_node.qos import BEAT, EVENTS, LATCHED, SENSOR
 from waam_process.names import job_state
 from waam_robot.urdf_text import UrdfError
 
-from . import blueprint as bp
 from . import conversions as cv
 from .drawing import Drawing
 from .node_tap import TelemetryTap
@@ -38,6 +29,8 @@ from .report_writer import ReportWriter
 from .robot_scene import RobotScene
 from .scene import Scene
 
+QOS = {'temperature': BEAT, 'layer_report': EVENTS, 'anomaly': EVENTS}  # all others are latched
+WINDOW_S = 120.0  # of ROS time that live plots show
 NICE = 10  # where cores are scarce the nodes of the loop come first
 
 
@@ -56,7 +49,6 @@ class DashboardParams:
     error_range: float = param(
         0.0006, 'height error at the ends of the colour scale', 'm', 1e-5, 0.1
     )
-    window: float = param(120.0, 'live plots show this much ROS time; 0 = all', 's', 0.0, 86400.0)
     record: bool = param(True, 'keep job.rrd in the folder of the job')
     report: bool = param(True, 'write report.html when a job has ended')
     robot_joints: tuple = param(
@@ -83,29 +75,19 @@ class Dashboard(WaamNode):
         super().__init__('dashboard', DashboardParams)
         p = self.params
         self._drawing = Drawing(
-            Scene(p.error_range), p.grpc_port, p.web_port, p.memory_mb, p.window
+            Scene(p.error_range), p.grpc_port, p.web_port, p.memory_mb, WINDOW_S
         )
         log = self.get_logger()
         self._reports = ReportWriter(log.info, log.warning) if p.report else None
         self._job = ''
-        self._errors = (0.0, 0.0)
+        self._messages = cv.MessageDrawing()
         self._next_ns = 0
-        self._machine_text = ''
         self._tap = TelemetryTap(self, '_dashboard_tap')
         self.create_timer(0.02, self._poll_telemetry, clock=self.steady)
         self.create_timer(1.0, self._report, clock=self.steady)
-        for kind, name, callback, qos in (
-            (HeightMap, 'height_map', self._on_height_map, LATCHED),
-            (CorrectionMap, 'correction_map', self._on_correction, LATCHED),
-            (LayerPlan, 'layer_plan', self._on_plan, LATCHED),
-            (HeatFactor, 'heat_factor', self._on_heat_factor, LATCHED),
-            (Temperature, 'temperature', self._on_temperature, BEAT),
-            (JobStatus, 'job_status', self._on_job_status, LATCHED),
-            (LayerReport, 'layer_report', self._on_layer_report, EVENTS),
-            (MachineState, 'machine_state', self._on_machine_state, LATCHED),
-            (Anomaly, 'anomaly', self._on_anomaly, EVENTS),
-        ):
-            self.create_subscription(kind, name, callback, qos)
+        for topic, kind in cv.TYPES.items():
+            qos = QOS.get(topic, LATCHED)
+            self.create_subscription(kind, topic, partial(self._on_message, topic), qos)
         self._joints: dict[str, float] = {}
         self._work_zero = (0.0, 0.0, 0.0)
         self._robot_next_ns, self._robot_text = 0, ''
@@ -152,64 +134,40 @@ class Dashboard(WaamNode):
         self._joints = {}
         self._drawing.newest('robot', lambda scene: robot.draw(scene, t, known, zero))
 
-    def _on_height_map(self, msg: HeightMap) -> None:
-        self._drawing.newest('map', lambda scene: scene.height_map(cv.map_data(msg)))
-        self._drawing.expect_error(msg.layer, lambda: cv.map_data(msg))
+    def _on_message(self, topic: str, msg: Any) -> None:
+        if topic == 'job_status':
+            self._begin_job(msg)
+        draw = self._messages.of(topic, msg)
+        if topic in cv.NEWEST:
+            self._drawing.newest(topic, draw)
+        else:
+            self._drawing.put(draw)
+        match msg:
+            case HeightMap():
+                self._drawing.expect_error(msg.layer, lambda: cv.map_data(msg))
+            case MachineState():
+                self._work_zero = (msg.work_offset.x, msg.work_offset.y, msg.work_offset.z)
+            case JobStatus():
+                self._end_job(msg)
 
-    def _on_correction(self, msg: CorrectionMap) -> None:
-        self._drawing.newest('correction', lambda scene: scene.correction(cv.correction_data(msg)))
-
-    def _on_plan(self, msg: LayerPlan) -> None:
-        t = nanoseconds(msg.header.stamp)
-        self._drawing.newest('plan', lambda scene: scene.plan(t, cv.layer_path(msg)))
-
-    def _on_heat_factor(self, msg: HeatFactor) -> None:
-        t = nanoseconds(msg.header.stamp)
-        self._drawing.put(lambda scene: scene.scalar(t, bp.HEAT_FACTOR, 100 * msg.factor))
-        self._drawing.put(lambda scene: scene.scalar(t, bp.LIMIT, msg.interpass_limit))
-
-    def _on_temperature(self, msg: Temperature) -> None:
-        t = nanoseconds(msg.header.stamp)
-        self._drawing.put(lambda scene: scene.scalar(t, bp.TEMPERATURE, msg.temperature))
-
-    def _on_job_status(self, msg: JobStatus) -> None:
-        t = nanoseconds(msg.header.stamp)
-        ended = msg.state in cv.ENDED
-        if msg.job_dir and msg.job_dir != self._job and not ended and msg.state != JobStatus.IDLE:
+    def _begin_job(self, msg: JobStatus) -> None:
+        running = msg.state != JobStatus.IDLE and msg.state not in cv.ENDED
+        if msg.job_dir and msg.job_dir != self._job and running:
             self._job = msg.job_dir
             self._drawing.start_job(Path(msg.job_dir), self.params.record)
             if self._reports:
                 self._reports.begin(Path(msg.job_dir))
-        name = job_state(msg.state)
-        self._drawing.put(lambda scene: scene.state(t, bp.JOB, name))
-        self._drawing.put(lambda scene: scene.layer(t, msg.layer))
-        self._drawing.put(lambda scene: scene.status(t, cv.status_text(msg)))
-        errors = (msg.height_error_rms * 1e3, msg.height_error_max * 1e3)
-        if errors != self._errors:
-            self._errors = errors
-            self._drawing.put(lambda scene: scene.scalar(t, bp.RMS, *errors))
-        if ended and msg.job_dir and self._reports:
+
+    def _end_job(self, msg: JobStatus) -> None:
+        if msg.state not in cv.ENDED:
+            return
+        if msg.job_dir and self._reports:
             self._reports.end(Path(msg.job_dir))
-        if ended and msg.job_dir == self._job:
+        if msg.job_dir == self._job:
             self._job = ''
-            self._drawing.put(lambda scene: scene.text(t, 0, f'job {name.lower()}: {msg.message}'))
+            t, said = nanoseconds(msg.header.stamp), f'job {job_state(msg.state).lower()}'
+            self._drawing.put(lambda scene: scene.text(t, 0, f'{said}: {msg.message}'))
             self._drawing.end_job()
-
-    def _on_layer_report(self, msg: LayerReport) -> None:
-        t = nanoseconds(msg.header.stamp)
-        self._drawing.put(lambda scene: scene.text(t, 0, cv.report_text(msg)))
-
-    def _on_machine_state(self, msg: MachineState) -> None:
-        self._work_zero = (msg.work_offset.x, msg.work_offset.y, msg.work_offset.z)
-        if msg.message and msg.message != self._machine_text:
-            t = nanoseconds(msg.header.stamp)
-            severity = 2 if msg.fault else 0
-            self._drawing.put(lambda scene: scene.text(t, severity, f'machine: {msg.message}'))
-        self._machine_text = msg.message
-
-    def _on_anomaly(self, msg: Anomaly) -> None:
-        t = nanoseconds(msg.header.stamp)
-        self._drawing.put(lambda scene: scene.text(t, msg.severity, cv.anomaly_text(msg)))
 
     def _report(self) -> None:
         drawing = self._drawing

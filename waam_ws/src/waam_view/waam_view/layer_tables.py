@@ -21,22 +21,14 @@ _PROCESS = [  # heading, field, factor to the shown unit, digits
     ('faults', 'faults', 1, 0),
 ]
 _GEOMETRY = [
-    ('RMS, mm', 'height_error_rms', 1e3, 3),
-    ('max, mm', 'height_error_max', 1e3, 2),
-    ('mean, mm', 'height_error_mean', 1e3, 3),
-    ('seen, %', 'coverage', 100, 1),
-    ('bead width, mm', 'bead_width', 1e3, 2),
-    ('u, mm', 'bead_width_u', 1e3, 2),
-]
+    ('RMS, mm', 'height_error_rms', 1e3, 3), ('max, mm', 'height_error_max', 1e3, 2), ('mean, mm', 'height_error_mean',
+    1e3, 3), ('seen, %', 'coverage', 100, 1), ('bead width, mm', 'bead_width', 1e3, 2), ('u, mm', 'bead_width_u', 1e3,
+    2),
+]  # fmt: skip
 _CORRECTION = [
-    ('ψ min', 'psi_min', 1, 2),
-    ('ψ mean', 'psi_mean', 1, 2),
-    ('ψ max', 'psi_max', 1, 2),
-    ('k_gain', 'k_gain', 1, 2),
-    ('K heat', 'heat_factor', 1, 3),
-    ('K flow', 'flow_factor', 1, 3),
-    ('K width', 'width_ratio', 1, 3),
-]
+    ('ψ min', 'psi_min', 1, 2), ('ψ mean', 'psi_mean', 1, 2), ('ψ max', 'psi_max', 1, 2), ('k_gain', 'k_gain', 1, 2),
+    ('K heat', 'heat_factor', 1, 3), ('K flow', 'flow_factor', 1, 3), ('K width', 'width_ratio', 1, 3),
+]  # fmt: skip
 
 
 # fields of columns that are left out where no layer has a value: most jobs show no free bead and hold no width

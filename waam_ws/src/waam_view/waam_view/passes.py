@@ -6,12 +6,9 @@ from .html import fmt, table
 from .job_data import Job, number
 
 _COLUMNS = (
-    ('set height, mm', 'set_height'),
-    ('corrected height, mm', 'corrected_height'),
-    ('predicted error (RMS), mm', 'predicted_rms'),
-    ('measured error (RMS), mm', 'measured_rms'),
-    ('measured error (mean), mm', 'measured_mean'),
-)
+    ('set height, mm', 'set_height'), ('corrected height, mm', 'corrected_height'), ('predicted error (RMS), mm',
+    'predicted_rms'), ('measured error (RMS), mm', 'measured_rms'), ('measured error (mean), mm', 'measured_mean'),
+)  # fmt: skip
 
 
 def passes_section(job: Job) -> str:

@@ -54,10 +54,7 @@ def _write(plan: PlanFile, file: Path, recording_id: str) -> None:
 
 
 def _draw_surfaces(recording: rr.RecordingStream, plan: PlanFile) -> None:
-    for entity, z, colour in (
-        (bp.FOUND, plan.found, FOUND),
-        (bp.NOMINAL, plan.nominal, NOMINAL),
-    ):
+    for entity, z, colour in ((bp.FOUND, plan.found, FOUND), (bp.NOMINAL, plan.nominal, NOMINAL)):
         m = mesh(plan.spec, z, np.broadcast_to(np.array(colour[:3], np.uint8), (*z.shape, 3)))
         if len(m.triangles):
             shape = rr.Mesh3D(

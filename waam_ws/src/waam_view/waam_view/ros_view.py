@@ -1,26 +1,20 @@
-"""`waam view` of records: one job, several side by side, or one that is still being recorded."""
+"""`waam view` of records: one job, or several side by side."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import rerun as rr
 
 from waam_node import job_folder
-from waam_process.safe_files import FileError, read_mapping
 
 from . import blueprint as bp
-from .drawing import free_port
-from .ros_playback import first_stamp, follow, play, record_files
+from .ros_playback import first_stamp, play, record_files
 from .scene import Scene
 from .viewer import ViewError
-from .web_viewer import WebViewer
 
 ERROR_RANGE = 0.6e-3  # m
-LAST_WRITES_S = 3.0  # after the end of a job its recorder still closes the file
-ENDED = ('DONE', 'FAILED', 'ABORTED', 'INTERRUPTED')
 Progress = Callable[[int], None] | None
 
 
@@ -77,42 +71,3 @@ def build_comparison(paths: list[Path], rrd: Path, progress: Progress = None) ->
 def _title(path: Path) -> str:
     files, folder = record_of(path)
     return (folder or files[0].parent).name
-
-
-def job_ended(folder: Path) -> bool:
-    """True when status.json says that the job is over."""
-    try:
-        status = read_mapping(folder / job_folder.STATUS)
-    except FileError:
-        return False
-    return status.get('state') in ENDED
-
-
-def tail(path: Path, web_port: int) -> int:
-    """Serves a job in the browser while it is recorded, until Ctrl-C. Raises ViewError."""
-    folder = Path(path).resolve()
-    if not folder.is_dir():
-        raise ViewError(f'{path}: --follow needs the folder of a job')
-    port, scene = free_port(), Scene(ERROR_RANGE)
-    live = rr.RecordingStream('waam', recording_id='tail')
-    sink = rr.GrpcServerSink(bind_ip='127.0.0.1', port=port, server_memory_limit='512MB')
-    live.set_sinks(sink, default_blueprint=bp.blueprint(ERROR_RANGE, 120.0))
-    scene.add('live', live)
-    viewer = WebViewer(f'rerun+http://127.0.0.1:{port}/proxy', web_port)
-    print(f'{folder}\n{viewer.url}\nCtrl-C ends.', flush=True)
-    over: list[float] = []
-
-    def ended() -> bool:
-        if not over and job_ended(folder):
-            over.append(time.monotonic() + LAST_WRITES_S)
-        return bool(over) and time.monotonic() > over[0]
-
-    try:
-        drawn = follow(folder, scene, ended)
-        print(f'the job has ended; {drawn} messages were drawn', flush=True)
-        return viewer.wait()
-    except KeyboardInterrupt:
-        return 0
-    finally:
-        viewer.close()
-        scene.close()

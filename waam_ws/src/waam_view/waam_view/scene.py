@@ -110,8 +110,7 @@ class Scene:
             self._write_held(recording)
             if self._span is not None:  # whoever opens the file sees the whole job
                 send_layout(
-                    recording,
-                    bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot),
+                    recording, bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot)
                 )
         end(recording)
         del recording

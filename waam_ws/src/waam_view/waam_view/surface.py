@@ -16,8 +16,7 @@ _DIVERGING = np.array(  # blue - white - red, 11 equal steps
     float,
 )  # fmt: skip
 _SEQUENTIAL = np.array(
-    [(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)],
-    float,
+    [(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], float
 )
 UNKNOWN = (70, 74, 80)
 MAX_VERTICES = 150_000

@@ -18,16 +18,8 @@ from .common import (
 )
 
 LISTED = (
-    'created',
-    'job',
-    'part',
-    'material',
-    'operator',
-    'wire_lot',
-    'verdict',
-    'rms_mm',
-    'metal_kg',
-)
+    'created', 'job', 'part', 'material', 'operator', 'wire_lot', 'verdict', 'rms_mm', 'metal_kg',
+)  # fmt: skip
 COMPARED = (
     'created', 'part', 'material', 'loop_mode', 'cell', 'operator', 'wire_lot', 'gas', 'verdict', 'rms_mm', 'max_mm',
     'share_in_tolerance', 'layers', 'beads', 'strikes_per_bead', 'anomalies', 'faults', 'wire_m', 'metal_kg',

@@ -17,7 +17,8 @@ from .arc_fit import fit_arc
 from .cooling_fit import fit_cooling
 from .finding import Finding, Parameter
 from .read import Recording, is_wall, read
-from .wall_fit import arc_of, fit_wall, read_wall
+from .wall import read_wall
+from .wall_fit import CELL, arc_of, fit_wall
 
 LINEAR = ('arc_drift_correlation',)  # may be negative; others are joined by their logarithms
 
@@ -51,7 +52,7 @@ def fit_recordings(paths: list[Path], base: PlantParams) -> Recorded:
 def _one(path: Path, base: PlantParams, findings: list[Finding], refused: list[str]) -> None:
     tries: list[Callable[[], Finding]] = []
     if is_wall(path):
-        wall = read_wall(path)
+        wall = read_wall(path, CELL)
         tries.append(lambda: fit_wall(path, wall, base.metal, base.arc.wire_ratio)[0])
         recording = arc_of(path, wall[1])
     else:

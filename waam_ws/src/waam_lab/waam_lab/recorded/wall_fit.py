@@ -12,15 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from waam_record.foreign.times import spread
-from waam_scan.recordings.bead import WallError
-from waam_scan.recordings.files import ArcLog, FileError, read_arc_log, read_laser_csv
-from waam_scan.recordings.left_out import LeftOut
-from waam_scan.recordings.wall_maps import WallMaps, fuse_wall
 from waam_sim.metal_params import MetalParams
 
 from ..twin.records import RecordError
 from .finding import Figure, Finding, Parameter
 from .read import Recording
+from .wall import ArcLog, WallMaps
 
 CELL = 1e-3  # m; profiles are about as far apart
 HALF, BESIDE = 7e-3, (8e-3, 12e-3)  # m from the axis: the bead, and the plate that did not grow
@@ -64,23 +61,6 @@ class Layer:
         x = good - good.mean()
         rest = self.whole[good] - np.polyval(np.polyfit(x, self.whole[good], 1), x)
         return float(rest.std() / abs(np.nanmean(self.whole)))
-
-
-def read_wall(folder: Path) -> tuple[WallMaps, ArcLog, LeftOut]:
-    """A folder of LaserCoordinateN.csv and arc_log.csv. RecordError says why there is no wall in it."""
-    left_out, lasers, names = LeftOut(), [], []
-    files = sorted(folder.glob('LaserCoordinate*.csv'), key=lambda p: (len(p.name), p.name))
-    try:
-        log = read_arc_log(folder / 'arc_log.csv', left_out)
-        for path in files:
-            try:
-                lasers.append(read_laser_csv(path, left_out))
-                names.append(str(path))
-            except FileError as e:
-                left_out.add('scan', path, '', e)
-        return fuse_wall(lasers, log, CELL, names, left_out), log, left_out
-    except (FileError, WallError) as e:
-        raise RecordError(f'{folder}: {e}') from None
 
 
 def arc_of(folder: Path, log: ArcLog) -> Recording:
@@ -134,10 +114,10 @@ def _section(wall: WallMaps, k: int, before: int) -> np.ndarray:
 
 
 def fit_wall(
-    folder: Path, read: tuple[WallMaps, ArcLog, LeftOut], base: MetalParams, wire_ratio: float
+    folder: Path, read: tuple[WallMaps, ArcLog], base: MetalParams, wire_ratio: float
 ) -> tuple[Finding, MetalParams]:
-    """read: of `read_wall`. RecordError when no layer lies between two scans."""
-    wall, log, left_out = read
+    """read: of `wall.read_wall`. RecordError when no layer lies between two scans."""
+    wall, log = read
     found = layers_of(wall, log)
     if not found:
         raise RecordError(f'{folder}: no layer was laid between two scans that show it')
@@ -194,7 +174,7 @@ def fit_wall(
         notes.append(
             f'wire feed over travel speed gives {ratio:.2f} of the metal: no transfer of 0.5 to 1'
         )
-    notes += [f'left out: {item}' for item in left_out.items[:5]]
+    notes += [f'left out: {text}' for text in wall.left_out[:5]]
     return (
         Finding(
             folder.name, 'wall', (rms[0], rms[1]), 'mm² of a layer, RMS', parameters, (*figures, shown), SILENT,

@@ -49,7 +49,8 @@ ROLES: Mapping[str, Role] = {
     'arc_voltage': Role('voltage', 'of the arc', ('u', 'voltage', 'arc_voltage', 'volts', 'spannung')),
     'arc_on': Role('none', '0 = off', ('arcon', 'arc_on', 'arc', 'welding')),
     'temperature': Role(
-        'temperature', 'of a pyrometer or thermocouple', ('temp', 'temperature', 'tproc', 'temperatur', 'pyro'),
+        'temperature', 'of a pyrometer or thermocouple', ('temp', 'temperature', 'temperatur', 'pyro',
+        'tproc', 'tratio', 'twb', 'tnb'),
     ),
     'profile_x': Role('length', 'list of a profile, across'),
     'profile_height': Role('length', 'list of a profile, upwards'),

@@ -79,11 +79,7 @@ def digest(data: dict) -> str:
 
 
 def save_calibration(
-    path: Path,
-    result: Calibration,
-    artefact: str,
-    scans: list[str],
-    date: datetime | None = None,
+    path: Path, result: Calibration, artefact: str, scans: list[str], date: datetime | None = None
 ) -> dict:
     """Writes the file and returns its content."""
     data = content(result, artefact, scans, date or datetime.now(UTC))

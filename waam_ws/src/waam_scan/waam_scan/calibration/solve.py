@@ -216,12 +216,7 @@ def _by(face: np.ndarray, r: np.ndarray, names: tuple[str, ...]) -> dict[str, tu
 
 
 def _uncertainty(
-    problem: Problem,
-    s: State,
-    r: np.ndarray,
-    jacobian: np.ndarray,
-    w: np.ndarray,
-    noise: float,
+    problem: Problem, s: State, r: np.ndarray, jacobian: np.ndarray, w: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Covariance (7, 7), free directions (7, k) in tolerances, and these in words."""
     _, prior, free = problem.prior(s)

@@ -14,9 +14,9 @@ from ..calibration.file import rpy_of, save_calibration
 from ..calibration.pass_file import load_pass
 from ..calibration.scan_pass import Pass
 from ..calibration.solve import PARAMETERS, Calibration, CalibrationError, calibrate
-from ..recordings.left_out import LeftOut, tell
-from ..recordings.scan_records import passes as recorded
-from ..recordings.scan_records import record_files
+from ..left_out import LeftOut, tell
+from ..scan_records import passes as recorded
+from ..scan_records import record_files
 from ..transform import Mounting
 
 if TYPE_CHECKING:
@@ -111,11 +111,9 @@ def remarks(result: Calibration) -> list[str]:
 
 def draw(path: Path, result: Calibration, artefact: Artefact) -> None:
     """Residuals over the artefact, their distribution, and the correlation of the parameters."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 4.4), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 3, width_ratios=[1.5, 1.1, 1.2])
     _residual_map(figure, axes[0], result, artefact)
     um = result.residuals * 1e6

@@ -10,7 +10,7 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from ..recordings.files import save_map
+from ..map_file import save_map
 from ..registration.clouds import load_points, load_triangles
 from ..registration.compare import Missing, found_grid, missing_metal, nominal_grid
 from ..registration.result import Registration
@@ -132,11 +132,9 @@ def summary(m: Missing, nominal: str, scan: str, aligned: Registration | None) -
 
 def draw(path: Path, m: Missing, title: str) -> None:
     """Missing metal from above (blue = to add, red = too much) and a section through the deepest place."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 7.5), layout='constrained')
-    FigureCanvasAgg(figure)
     top, below = figure.subplots(2, 1, height_ratios=[3, 1.4])
     limit = max(1e3 * m.deepest, 0.1)
     top.set_facecolor('0.75')

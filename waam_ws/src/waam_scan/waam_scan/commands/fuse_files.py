@@ -16,20 +16,21 @@ from ..fusion.fill import fill_holes
 from ..fusion.height_map import FusedMap, Fusion
 from ..fusion.limits import FusionLimits
 from ..fusion.quality import assess
-from ..recordings.files import FileError, save_map
-from ..recordings.left_out import LeftOut
-from ..recordings.scan_records import passes, recorded_mounting
+from ..left_out import LeftOut
+from ..map_file import FileError, save_map
 from ..registration.clouds import load_points
-from ..stream.assembler import Assembler, ProfileBlock
+from ..scan_records import passes, recorded_mounting
 from ..stream.poses import PoseTrack
+from ..stream.profiles import ProfileBlock
+from ..stream.session import Session
 from ..transform import Mounting
+from .file_info import CLOUDS
 from .picture import save_ply, save_png
 
 LARGEST = 4_000_000  # cells of a map
 MAX_GAP_NS = 100_000_000  # between two recorded poses
 BLOCK = 4096  # profiles per step
 MARGIN = 1e-3  # m of height beyond the points
-CLOUDS = ('.pcd', '.ply', '.xyz', '.npy')
 
 
 def grid_around(low: np.ndarray, high: np.ndarray, cell: float) -> GridSpec:
@@ -63,7 +64,7 @@ def fuse_cloud(points: np.ndarray, cell: float) -> FusedMap:
 
 def fuse_passes(
     passes: list[Pass], mounting: Mounting, cell: float
-) -> tuple[FusedMap, list[Assembler]]:
+) -> tuple[FusedMap, list[Session]]:
     """One map of all passes, whatever their direction, and how the profiles of each were used."""
     boxes = [_box(p, mounting) for p in passes]
     low = np.nanmin([b[0] for b in boxes], axis=0)
@@ -72,13 +73,13 @@ def fuse_passes(
     fusion = Fusion(grid_around(low, high, cell), mounting, limits, 2)
     used = []
     for p in passes:
-        assembler = Assembler(fusion, _track(p), MAX_GAP_NS, max_waiting=2**31)
+        session = Session(fusion, _track(p), MAX_GAP_NS, max_waiting=2**31)
         for k in range(0, len(p.stamps), BLOCK):
             s = slice(k, k + BLOCK)
             x, z = (np.ascontiguousarray(a[s], np.float32) for a in (p.x, p.z))
-            assembler.add(ProfileBlock(p.stamps[s], x, z))
-        assembler.close()
-        used.append(assembler)
+            session.add(ProfileBlock(p.stamps[s], x, z))
+        session.close()
+        used.append(session)
     return fusion.result(), used
 
 
@@ -138,10 +139,10 @@ def fuse_files(
     _without_far(good, mounting, cell, left_out)
     if good:
         fused, used = fuse_passes(list(good.values()), mounting, cell)
-        for path, assembler in zip(good, used, strict=True):
-            _tell(path, assembler)
-            if not assembler.counts.used:
-                why = '; '.join(assembler.counts.reasons())
+        for path, session in zip(good, used, strict=True):
+            _tell(path, session)
+            if not session.counts.used:
+                why = '; '.join(session.counts.reasons())
                 left_out.add('scan', path, '', f'not one profile could be used: {why}')
         if fused.points_used:
             write(out / next(iter(good)).stem, fused, options)
@@ -219,8 +220,8 @@ def fuse_record(
     return made
 
 
-def _tell(name: Path | str, assembler: Assembler) -> None:
-    c = assembler.counts
+def _tell(name: Path | str, session: Session) -> None:
+    c = session.counts
     words = '; '.join(c.reasons() + c.remarks())
     print(f'{name}: {c.used} profiles used, {c.rejected} rejected{": " * bool(words)}{words}')
 

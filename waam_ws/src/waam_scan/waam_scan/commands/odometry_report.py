@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..recordings.left_out import LeftOut, tell
+from ..left_out import LeftOut, tell
 from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 
@@ -66,11 +66,9 @@ def write(out: Path, found: Track, frames: list[np.ndarray], names: list[str]) -
 
 def draw(path: Path, found: Track, merged: np.ndarray) -> None:
     """Merged cloud from above with the way of the frames' origin, and what the refinement changed."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 5), layout='constrained')
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     few = merged[:: max(1, len(merged) // 40_000)] * 1e3
     dots = left.scatter(few[:, 0], few[:, 1], c=few[:, 2], s=1, cmap='viridis', linewidths=0)

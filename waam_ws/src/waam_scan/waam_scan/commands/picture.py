@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,43 +15,33 @@ def save_png(
     z: np.ndarray,
     title: str = '',
     limits_mm: tuple | None = None,
-    mark: Iterable[np.ndarray] | None = None,
     filled: np.ndarray | None = None,
 ) -> None:
     """Heights z (rows, cols; m, NaN = unknown, drawn grey) in mm over x and y in mm, +y up.
 
-    limits_mm: colour range; None = 1st to 99th percentile. mark: (x (n,), height (n,), u (n,)) in m of a bead top to be
-    drawn below the map. filled: (rows, cols) mask of cells that were filled in, drawn hatched.
+    limits_mm: colour range; None = 1st to 99th percentile. filled: (rows, cols) mask of cells that were filled in,
+    hatched.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    extent = [v * 1e3 for v in spec.extent]
-    width, height = extent[1] - extent[0], extent[3] - extent[2]
-    rows = 2 if mark is not None else 1
-    tall = max(2.5, min(9.0, 8.0 * height / width))
-    figure = Figure(figsize=(10, tall + 1 + 2.8 * (rows - 1)), layout='constrained')
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, 1, squeeze=False, height_ratios=[tall, 2.8][:rows])[:, 0]
+    x0, x1, y0, y1 = (v * 1e3 for v in spec.extent)
+    tall = max(2.5, min(9.0, 8.0 * (y1 - y0) / (x1 - x0)))
+    figure = Figure(figsize=(10, tall + 1), layout='constrained')
+    axes = figure.subplots()
     if limits_mm is None:
         known = z[np.isfinite(z)] * 1e3
         limits_mm = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
-    axes[0].set_facecolor('0.75')
-    image = axes[0].imshow(
-        np.ma.masked_invalid(z * 1e3), origin='lower', extent=extent, cmap='viridis',
+    axes.set_facecolor('0.75')
+    image = axes.imshow(
+        np.ma.masked_invalid(z * 1e3), origin='lower', extent=(x0, x1, y0, y1), cmap='viridis',
         vmin=limits_mm[0], vmax=limits_mm[1], interpolation='nearest', aspect='equal',
     )  # fmt: skip
     if filled is not None and filled.any():
-        axes[0].contourf(
+        axes.contourf(
             spec.x * 1e3, spec.y * 1e3, filled, [0.5, 1.5], colors='none', hatches=['xxx']
         )
-    figure.colorbar(image, ax=list(axes), label='height in mm', extend='both')
-    axes[0].set(xlabel='x in mm', ylabel='y in mm', title=title)
-    if mark is not None:
-        x, top, u = (np.asarray(v) * 1e3 for v in mark)
-        axes[1].errorbar(x, top, yerr=2 * u, fmt='.-', ms=3, lw=0.8, capsize=1.5)
-        axes[1].set(xlim=extent[:2], xlabel='x in mm', ylabel='bead top in mm (bars: ± 2 u)')
-        axes[1].grid(alpha=0.4)
+    figure.colorbar(image, ax=axes, label='height in mm', extend='both')
+    axes.set(xlabel='x in mm', ylabel='y in mm', title=title)
     figure.savefig(path, dpi=110)
 
 
@@ -61,6 +50,8 @@ def save_ply(path: Path, spec: GridSpec, z: np.ndarray) -> None:
 
     Unknown cells stay holes.
     """
+    import trimesh
+
     known = np.isfinite(z)
     x, y = np.meshgrid(spec.x, spec.y)
     vertices = np.column_stack([x[known], y[known], z[known]]).astype('<f4') * np.float32(1e3)
@@ -68,14 +59,6 @@ def save_ply(path: Path, spec: GridSpec, z: np.ndarray) -> None:
     number[known] = np.arange(len(vertices))
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     full = (a >= 0) & (b >= 0) & (c >= 0) & (d >= 0)
-    triangles = np.concatenate(
-        [np.column_stack([p[full] for p in corners]) for corners in ((a, b, c), (a, c, d))]
-    )
-    faces = np.empty(len(triangles), dtype=[('n', 'u1'), ('i', '<i4', (3,))])
-    faces['n'], faces['i'] = 3, triangles
-    header = (
-        'ply\nformat binary_little_endian 1.0\ncomment millimetres, +z up\n'
-        f'element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n'
-        f'element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n'
-    )
-    Path(path).write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
+    triangles = [np.column_stack([p[full] for p in corners]) for corners in ((a, b, c), (a, c, d))]
+    mesh = trimesh.Trimesh(vertices, np.concatenate(triangles), process=False)
+    mesh.export(path, file_type='ply')

@@ -113,11 +113,9 @@ def save_json(path: Path, r: Registration, scan: str, reference: str) -> None:
 
 def draw(path: Path, r: Registration, title: str) -> None:
     """Distance to the reference before and after, from above, and as distributions."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 4.6), layout='constrained')
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 3, width_ratios=[1, 1, 0.9])
     spread = np.nanpercentile(np.abs(r.before), 90) if np.isfinite(r.before).any() else 1e-3
     limit = 1e3 * max(float(spread), 5 * r.noise)

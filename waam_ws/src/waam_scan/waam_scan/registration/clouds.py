@@ -10,7 +10,7 @@ import numpy as np
 from waam_plan.mesh.clouds import is_cloud, read_points
 from waam_plan.mesh.part import PartError, load_part
 
-from ..recordings.files import FileError, load_map
+from ..map_file import FileError, load_map
 
 MESHES = ('.stl', '.obj', '.off')
 FEWEST = 200  # points

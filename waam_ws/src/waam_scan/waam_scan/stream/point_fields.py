@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+NEAREST = 1e-3  # m
 # sensor_msgs/PointField datatype -> numpy
 DATATYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 
@@ -63,21 +64,18 @@ def read_fields(layout: CloudLayout, data: bytes, names: tuple[str, ...]) -> dic
     return {name: points[name] for name in dtype.names or ()}
 
 
-def profiles_of(
-    layout: CloudLayout, data: bytes, down: bool, nearest: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """x, z (rows, points) float32 m, scanner frame with z up, and intensity or None.
+def profiles_of(layout: CloudLayout, data: bytes, down: bool) -> tuple[np.ndarray, np.ndarray]:
+    """x, z (rows, points) float32 m, scanner frame with z up.
 
     down: z in the cloud is the distance from the sensor, as the scanCONTROL drivers have it; points nearer than
-    `nearest` (m) are no returns (drivers mark them with infinity, or not at all: z = 0). Every row is a profile.
+    NEAREST are no returns (drivers mark them with infinity, or not at all: z = 0). Every row is a profile.
     """
-    found = read_fields(layout, data, ('x', 'z', 'intensity'))
+    found = read_fields(layout, data, ('x', 'z'))
     missing = [n for n in ('x', 'z') if n not in found]
     if missing:
         have = ', '.join(f[0] for f in layout.fields) or 'none'
         raise ValueError(f'the cloud has no field {" and ".join(missing)} (it has {have})')
     x, z = (np.ascontiguousarray(found[n], np.float32) for n in ('x', 'z'))
     if down:
-        z = np.where(z >= np.float32(nearest), -z, np.float32(np.nan))
-    light = found.get('intensity')
-    return x, z, None if light is None else np.ascontiguousarray(light, np.float32)
+        z = np.where(z >= np.float32(NEAREST), -z, np.float32(np.nan))
+    return x, z

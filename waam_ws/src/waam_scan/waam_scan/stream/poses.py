@@ -10,6 +10,10 @@ from enum import IntEnum
 
 import numpy as np
 
+MAX_GAP_NS = (
+    30_000_000  # between two frames; a profile between telemetry frames further apart is rejected
+)
+
 
 class PoseStatus(IntEnum):
     """What `PoseTrack.at` knows about a stamp."""

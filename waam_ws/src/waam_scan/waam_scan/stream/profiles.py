@@ -19,7 +19,6 @@ class ProfileBlock:
     stamps: np.ndarray  # (n,) int64 ns of the pose clock, in any order
     x: np.ndarray  # (n, m) float32 m, scanner frame, NaN = no return
     z: np.ndarray  # (n, m) float32 m
-    intensity: np.ndarray | None = None  # (n, m) float32, as the scanner gives it; None = not given
 
     def __post_init__(self) -> None:
         shape = (len(self.stamps), *self.x.shape[1:])
@@ -27,8 +26,6 @@ class ProfileBlock:
             raise ValueError(
                 f'{len(self.stamps)} stamps, x {self.x.shape} and z {self.z.shape} do not fit together'
             )
-        if self.intensity is not None and self.intensity.shape != shape:
-            raise ValueError(f'intensity {self.intensity.shape} does not fit z {self.z.shape}')
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -37,25 +34,16 @@ class ProfileBlock:
         """The profiles of a mask; all of them cost nothing."""
         if which.all():
             return self
-        intensity = None if self.intensity is None else self.intensity[which]
-        return ProfileBlock(self.stamps[which], self.x[which], self.z[which], intensity)
+        return ProfileBlock(self.stamps[which], self.x[which], self.z[which])
 
     def shifted(self, delay_ns: int) -> ProfileBlock:
         """With stamps on another clock."""
-        return ProfileBlock(self.stamps + delay_ns, self.x, self.z, self.intensity)
-
-    def gated(self, low: float, high: float) -> ProfileBlock:
-        """Without the points whose intensity is outside low .. high: they become drop-outs (glare, too little
-        light)."""
-        if self.intensity is None:
-            return self
-        good = (self.intensity >= low) & (self.intensity <= high)
-        return ProfileBlock(self.stamps, self.x, np.where(good, self.z, np.float32(np.nan)))
+        return ProfileBlock(self.stamps + delay_ns, self.x, self.z)
 
 
 def block_of(
-    sequence: int, n: int, m: int, start_ns: int, offsets: np.ndarray, x: np.ndarray, z: np.ndarray, light: np.ndarray
-) -> ProfileBlock:  # fmt: skip
+    sequence: int, n: int, m: int, start_ns: int, offsets: np.ndarray, x: np.ndarray, z: np.ndarray
+) -> ProfileBlock:
     """n profiles of m points from the flat arrays of batch `sequence`; offsets (n,) ns from start_ns. ValueError names
     the array whose length does not fit."""
     for name, values, want in (('stamp_offsets_ns', offsets, n), ('x', x, n * m), ('z', z, n * m)):
@@ -66,19 +54,14 @@ def block_of(
             )
     if n == 0 or m == 0:
         raise ValueError(f'batch {sequence}: {n} profiles of {m} points is an empty batch')
-    if len(light) not in (0, n * m):
-        raise ValueError(f'batch {sequence}: intensity has {len(light)} values, not 0 or {n * m}')
-    intensity = light.reshape(n, m) if len(light) else None
-    return ProfileBlock(start_ns + offsets, x.reshape(n, m), z.reshape(n, m), intensity)
+    return ProfileBlock(start_ns + offsets, x.reshape(n, m), z.reshape(n, m))
 
 
 def read_batch(data: bytes) -> tuple[int, ProfileBlock]:
     """Sequence number and profiles of a serialised waam_msgs/ProfileBatch. ValueError says what is wrong with it."""
     b = cdr.read_batch(data)
     n, m = b.profile_count, b.points_per_profile
-    return b.sequence, block_of(
-        b.sequence, n, m, b.stamp_ns, b.stamp_offsets_ns, b.x, b.z, b.intensity
-    )
+    return b.sequence, block_of(b.sequence, n, m, b.stamp_ns, b.stamp_offsets_ns, b.x, b.z)
 
 
 REASONS = {

@@ -1,26 +1,29 @@
-"""One scan from begin to finish: which job and layer it belongs to, what came, and what the map is worth."""
+"""One scan from begin to finish: profiles wait until telemetry brackets them, then go into the fusion; at the end there
+is a map, with every reason not to trust it."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from waam_process.grid import GridSpec
 
-from ..bead_width import BeadWidth, bead_width
-from ..fusion.height_map import FusedMap
+from ..fusion.height_map import FusedMap, Fusion
+from ..fusion.kernels import read_only, rows_seen
 from ..fusion.plausibility import PlausibilityLimits, jump_reasons, map_reasons, stream_reasons
-from .assembler import Assembler
-from .profiles import ProfileBlock, SequenceWatch
+from .poses import MAX_GAP_NS, PoseStatus, PoseTrack
+from .profiles import ProfileBlock, ProfileCounts, SequenceWatch, StampWatch
 
 EMPTY_ENDS = 1.5  # both ends of a scan lie equally far beside the part, or nearly so
 DEFAULT_PERIOD_NS = 20_000_000
+REFRESH_S = 0.25  # cells are worked up during the scan this often
 
 
 @dataclass(frozen=True)
 class PreviousMap:
-    """The last map of the job that was believed: the reference for the next one."""
+    """A map of the job that was believed: the reference for the next one."""
 
     job_id: str
     layer: int
@@ -35,31 +38,6 @@ class LaidBeads:
 
     paths: tuple[np.ndarray, ...] = ()
     widths: tuple[np.ndarray, ...] = ()
-
-
-@dataclass
-class Surfaces:
-    """The last maps that were believed: the newest one, and the one of the layer below it."""
-
-    last: PreviousMap | None = None
-    _below: PreviousMap | None = None
-
-    def add(self, new: PreviousMap) -> None:
-        """A scan that was believed. One of a layer that was scanned before takes the place of that one."""
-        if self.last is not None and self.last.layer != new.layer:
-            self._below = self.last
-        self.last = new
-
-    def below(self, job_id: str, layer: int, spec: GridSpec) -> np.ndarray | None:
-        """Surface under `layer`, (rows, cols) m; None when it is not known on these cells in this job."""
-        for found in (self.last, self._below):
-            if found is not None and (found.job_id, found.layer, found.spec) == (
-                job_id,
-                layer - 1,
-                spec,
-            ):
-                return found.z
-        return None
 
 
 @dataclass
@@ -89,45 +67,54 @@ class EndWatch:
 
 @dataclass
 class Session:
-    """A scan in progress. `batches`, `lost`, `refused` count batches received, missing by sequence, and malformed."""
+    """A scan in progress: `add` profiles, `resolve` after new telemetry (poses come from `track`), `close` at the end.
 
-    job_id: str
-    layer: int
-    scan_id: int
-    assembler: Assembler
+    not_before_ns: profiles with earlier stamps belong to another surface. until_ns: end of the scanning motion, once it
+    was asked for. batches, refused: received, and malformed.
+    """
+
+    fusion: Fusion
+    track: PoseTrack
+    max_gap_ns: int = MAX_GAP_NS
+    max_waiting: int = 2000
+    not_before_ns: int = -(2**62)
+    job_id: str = ''
+    layer: int = 0
+    scan_id: int = 0
     laid: LaidBeads = LaidBeads()
-    began: float = 0.0  # s, steady clock of the caller
+    until_ns: int | None = None
     batches: int = 0
     refused: int = 0
-    until_ns: int | None = None  # end of the scanning motion, once finish was asked for
     remarks: list[str] = field(default_factory=list)
+    counts: ProfileCounts = field(default_factory=ProfileCounts)
+    watch: StampWatch = field(default_factory=StampWatch)
     sequences: SequenceWatch = field(default_factory=SequenceWatch)
+    oldest_used_ns: int | None = None
+    newest_used_ns: int | None = None
+    oldest_empty_ns: int | None = None
+    newest_empty_ns: int | None = None
+    _waiting: deque[ProfileBlock] = field(default_factory=deque)
     _refreshed: float = -1.0
+
+    @property
+    def spec(self) -> GridSpec:
+        """The cells of the map."""
+        return self.fusion.spec
+
+    @property
+    def waiting(self) -> int:
+        """Profiles that wait for telemetry."""
+        return sum(len(b) for b in self._waiting)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Stamp of the newest profile that was added."""
+        return self.watch.newest_ns
 
     @property
     def lost(self) -> int:
         """Batches that are missing by their sequence numbers."""
         return self.sequences.lost
-
-    @property
-    def spec(self) -> GridSpec:
-        """The cells of the map."""
-        return self.assembler.fusion.spec
-
-    def add(self, sequence: int, block: ProfileBlock) -> None:
-        """A batch; missing numbers count as lost."""
-        before = self.assembler.newest_ns
-        self.assembler.add(block)
-        after = self.assembler.newest_ns
-        self.sequences.follow(sequence, before is None or (after is not None and after > before))
-        self.batches += 1
-
-    def refresh(self, now: float, period: float) -> None:
-        """Works up what came, every `period` s of the caller's steady clock, so that the map is ready soon at the
-        end."""
-        if now - self._refreshed >= period:
-            self._refreshed = now
-            self.assembler.fusion.refresh()
 
     @property
     def closing(self) -> bool:
@@ -137,46 +124,141 @@ class Session:
     @property
     def complete(self) -> bool:
         """Whether everything up to `until_ns` is here and has its pose."""
-        newest = self.assembler.newest_ns
-        if newest is None or self.until_ns is None:
+        if self.newest_ns is None or self.until_ns is None:
             return False
-        period = self.assembler.watch.period_ns or DEFAULT_PERIOD_NS
-        return newest >= self.until_ns - period and self.assembler.waiting == 0
+        period = self.watch.period_ns or DEFAULT_PERIOD_NS
+        return self.newest_ns >= self.until_ns - period and self.waiting == 0
+
+    # ---- profiles in -------------------------------------------------------------------------
+
+    def add_batch(self, sequence: int, block: ProfileBlock) -> None:
+        """A numbered batch; missing numbers count as lost."""
+        before = self.newest_ns
+        self.add(block)
+        after = self.newest_ns
+        self.sequences.follow(sequence, before is None or (after is not None and after > before))
+        self.batches += 1
+
+    def add(self, block: ProfileBlock) -> None:
+        """Takes profiles in any order; repeated ones, those from before the scan and those without a return are
+        rejected."""
+        if not len(block):
+            return
+        block = block.shifted(round(self.fusion.mounting.delay * 1e9))
+        new = self.watch.check(block.stamps, self.counts)
+        fresh = block.stamps >= self.not_before_ns
+        seen = rows_seen(read_only(block.x), read_only(block.z))
+        self.counts.stale += int((new & ~fresh).sum())
+        self._pass_over(block.take(new & fresh & ~seen))
+        self._push(block.take(new & fresh & seen))
+        self.resolve()
+
+    def _pass_over(self, empty: ProfileBlock) -> None:
+        """Profiles without a return, as beside a tall part, where the table is out of range."""
+        if len(empty):
+            self.counts.empty += len(empty)
+            self.fusion.dropouts += empty.z.size
+            first, last = int(empty.stamps.min()), int(empty.stamps.max())
+            self.oldest_empty_ns = min(self.oldest_empty_ns or first, first)
+            self.newest_empty_ns = max(self.newest_empty_ns or last, last)
+
+    def _push(self, block: ProfileBlock) -> None:
+        if len(block):
+            self._waiting.append(block)
+        while self.waiting > self.max_waiting and len(self._waiting) > 1:
+            self.counts.overflow += len(self._waiting.popleft())
+
+    def resolve(self) -> None:
+        """Fuses every waiting profile that telemetry brackets now; rejects those that it never will."""
+        newest = self.track.newest_ns
+        if newest is None:
+            return
+        for _ in range(len(self._waiting)):
+            block = self._waiting.popleft()
+            rest = self._fuse(block) if int(block.stamps.min()) <= newest else block
+            if len(rest):
+                self._waiting.append(rest)
+
+    def _fuse(self, block: ProfileBlock) -> ProfileBlock:
+        """Returns what must still wait."""
+        tcp, status = self.track.at(block.stamps, self.max_gap_ns)
+        ok = status == PoseStatus.OK
+        if ok.any():
+            good = block.take(ok)
+            self.fusion.add(tcp[ok], good.x, good.z)
+            first, last = int(good.stamps.min()), int(good.stamps.max())
+            self.oldest_used_ns = min(self.oldest_used_ns or first, first)
+            self.newest_used_ns = max(self.newest_used_ns or last, last)
+        self.counts.used += int(ok.sum())
+        self.counts.gap += int((status == PoseStatus.GAP).sum())
+        self.counts.too_old += int((status == PoseStatus.TOO_OLD).sum())
+        return block.take(status == PoseStatus.WAITING)
+
+    def refresh(self, now: float, period: float = REFRESH_S) -> None:
+        """Works up what came, every `period` s of the caller's steady clock, so that the map is ready soon at the
+        end."""
+        if now - self._refreshed >= period:
+            self._refreshed = now
+            self.fusion.refresh()
+
+    # ---- the map -----------------------------------------------------------------------------
 
     def close(self) -> FusedMap:
-        """No more profiles: the map."""
-        self.assembler.close()
-        return self.assembler.fusion.result()
+        """Telemetry ends here, what still waits is rejected: the map."""
+        self.resolve()
+        self.counts.no_pose += self.waiting
+        self._waiting.clear()
+        return self.fusion.result()
 
     def doubts(
         self, fused: FusedMap, before: PreviousMap | None, limits: PlausibilityLimits
     ) -> list[str]:
         """Why the map should not be trusted; empty when it may be."""
-        counts = self.assembler.counts
         if before and (before.job_id, before.spec) != (self.job_id, fused.spec):
             before = None  # nothing to compare with
-        last = self.assembler.newest_used_ns or 0
-        begin, end = self.assembler.empty_ends
+        last = self.newest_used_ns or 0
+        begin, end = self._empty_ends()
         # the end of a scan may lie beside the part; a scanner gone blind shows in the loss of coverage, or, in a first
         # map, in an end that is emptier than the beginning
         if before or end <= EMPTY_ENDS * begin:
-            last = max(last, self.assembler.newest_empty_ns or 0)
+            last = max(last, self.newest_empty_ns or 0)
         age = (self.until_ns - last) * 1e-9 if self.until_ns else 0.0
-        reasons = map_reasons(fused, limits)
         bad = self.lost + self.refused
-        reasons += stream_reasons(counts.used, counts.untrusted, self.batches, bad, age, limits)
+        reasons = map_reasons(fused, limits)
+        reasons += stream_reasons(
+            self.counts.used, self.counts.untrusted, self.batches, bad, age, limits
+        )
         if before:
             reasons += jump_reasons(fused, before.z, self.layer - before.layer, limits)
         return reasons
 
-    def width(self, fused: FusedMap, surfaces: Surfaces) -> BeadWidth:
-        """Of the beads that were laid last, where they stand free and the surface below them is known."""
-        below = surfaces.below(self.job_id, self.layer, fused.spec)
-        if below is None or not self.laid.paths:
-            return BeadWidth()
-        return bead_width(below, fused.z, fused.spec, self.laid.paths, self.laid.widths)
+    def _empty_ends(self) -> tuple[float, float]:
+        """How far the scan went without seeing anything at its beginning and at its end, m; beside a tall part the
+        table is out of range. The time for which the scanner stands at an end does not count. Where telemetry does not
+        reach back so far, the times themselves, s."""
+        if self.oldest_used_ns is None or self.oldest_empty_ns is None:
+            return 0.0, 0.0
+        first, last = self.oldest_used_ns, self.newest_used_ns or 0
+        begin, end = min(self.oldest_empty_ns, first), max(self.newest_empty_ns or 0, last)
+        tcp, status = self.track.at(np.array([begin, first, last, end]), self.max_gap_ns)
+        if (status != PoseStatus.OK).any():
+            return (first - begin) * 1e-9, (end - last) * 1e-9
+        return float(np.linalg.norm(tcp[1] - tcp[0])), float(np.linalg.norm(tcp[3] - tcp[2]))
 
     def notes(self) -> list[str]:
         """Remarks that do not make a map implausible."""
-        counts = self.assembler.counts
-        return self.remarks + counts.reasons() + counts.remarks()
+        return self.remarks + self.counts.reasons() + self.counts.remarks()
+
+    def why_empty(self) -> str:
+        """The reason for a map without a single point."""
+        c, f = self.counts, self.fusion
+        if not (c.used or c.rejected):
+            return 'no profiles arrived'
+        if c.used == 0 and c.empty == c.rejected:
+            return f'all {c.empty} profiles are drop-outs: the scanner saw nothing'
+        if c.used == 0:
+            return 'no profile has a trustworthy pose: ' + ', '.join(c.reasons())
+        inside = f.points - f.outside - f.dropouts
+        if f.outside and inside <= 0:
+            return f'all {f.outside} points lie outside the grid or the height limits (mounting or work zero wrong?)'
+        return f'{c.used} profiles gave no point that a neighbour supports'

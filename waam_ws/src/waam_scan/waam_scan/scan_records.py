@@ -8,32 +8,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from mcap.records import Channel, Message, Schema
 
 from waam_node.cdr import read_pose
 from waam_process.safe_files import parse_json
 from waam_record.bag_reader import info
-from waam_record.salvage import Damage, records
+from waam_record.decode import LAYOUTS, DecodeError, check_layout
+from waam_record.salvage import messages
 
-from ..calibration.scan_pass import Pass
-from ..stream.profiles import ProfileBlock, read_batch
-from ..transform import Mounting
-from .files import FileError
+from .calibration.scan_pass import Pass
 from .left_out import LeftOut, leave_out
+from .map_file import FileError
+from .stream.profiles import ProfileBlock, read_batch
+from .transform import Mounting
 
 PAUSE = 1.0  # s without profiles: the scanner was off, a new scan begins
 MARGIN_NS = 1_000_000_000  # telemetry that is kept before and after a scan
 SHOWN = 3  # kinds of damage that are named
-FIELDS = {  # what `wire` reads, in its order; of telemetry the rest may be anything
-    'waam_msgs/msg/ProfileBatch': (
-        'std_msgs/Header header, string sensor_id, uint32 sequence, uint32 profile_count, '
-        'uint32 points_per_profile, int64[] stamp_offsets_ns, float32[] x, float32[] z, float32[] intensity'
-    ),
-    'waam_msgs/msg/Telemetry': (
-        'std_msgs/Header header, uint64 controller_us, uint32 boot_id, uint32 sequence, uint8 state, '
-        'geometry_msgs/Point position'
-    ),
-}
 
 
 def record_files(path: Path) -> list[Path]:
@@ -166,28 +156,14 @@ def _readable(data: bytes, damage: list[str]) -> ProfileBlock | None:
 
 def _messages(file: Path, damage: list[str]) -> Iterator[tuple[str, bytes]]:
     """Type and bytes of the profile batches and telemetry of a file, in its order."""
-    schemas: dict[int, Schema] = {}
-    wanted: dict[int, str] = {}
-    for item in records(file):
-        if isinstance(item, Message):
-            if kind := wanted.get(item.channel_id):
-                yield kind, item.data
-        elif isinstance(item, Schema):
-            schemas[item.id] = item
-        elif isinstance(item, Channel):
-            schema = schemas.get(item.schema_id)
-            if schema and schema.name in FIELDS:
-                _check(file, schema)
-                wanted[item.id] = schema.name
-        elif isinstance(item, Damage):
-            damage.append(f'{file.name}: {item}')
-
-
-def _check(file: Path, schema: Schema) -> None:
-    """FileError when the recording's own definition of a message is not the one that `wire` reads."""
-    lines = schema.data.decode(errors='replace').split('\n=')[0].splitlines()
-    parts = [line.split('#')[0].split() for line in lines]
-    fields = ', '.join(' '.join(p) for p in parts if p and '=' not in p[-1])
-    short = fields.replace('/msg/', '/')
-    if not (short + ',').startswith(FIELDS[schema.name] + ','):
-        raise FileError(f'{file}: {schema.name} was recorded with other fields: {fields}')
+    checked: set[int] = set()
+    for channel, schema, message in messages(file, damage):
+        if schema.name not in LAYOUTS:
+            continue
+        if channel.id not in checked:
+            checked.add(channel.id)
+            try:
+                check_layout(schema.name, schema.data)
+            except DecodeError as e:
+                raise FileError(f'{file}: {e}') from None
+        yield schema.name, message.data

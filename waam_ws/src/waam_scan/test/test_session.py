@@ -4,9 +4,8 @@ import pytest
 from waam_process.grid import GridSpec
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion.plausibility import PlausibilityLimits
-from waam_scan.stream.assembler import Assembler, ProfileBlock
 from waam_scan.stream.poses import PoseTrack
-from waam_scan.stream.profiles import StampWatch
+from waam_scan.stream.profiles import ProfileBlock, StampWatch
 from waam_scan.stream.session import EndWatch, PreviousMap, Session
 from waam_scan.transform import Mounting
 
@@ -15,9 +14,9 @@ SPEC = GridSpec(0.0, 0.0, 1e-3, 10, 40)
 LATERAL = np.linspace(-5e-3, 5e-3, 50)
 
 
-def assembler(**options) -> Assembler:
+def started(**options) -> Session:
     mounting = Mounting(np.array([0.0, 0.0, 0.12]), delay=options.pop('delay', 0.0))
-    return Assembler(Fusion(SPEC, mounting), PoseTrack(10_000), **options)
+    return Session(Fusion(SPEC, mounting), PoseTrack(10_000), **options)
 
 
 def poses(track: PoseTrack, start_ms: int, end_ms: int, step: int = 10) -> None:
@@ -32,7 +31,7 @@ def block(start_ms: int, n: int = 10, height: float = 1e-3) -> ProfileBlock:
 
 
 def test_profiles_wait_for_telemetry_and_are_fused_when_it_comes():
-    a = assembler()
+    a = started()
     a.add(block(5))
     assert (a.waiting, a.counts.used) == (10, 0)
     poses(a.track, 0, 60)
@@ -44,7 +43,7 @@ def test_profiles_wait_for_telemetry_and_are_fused_when_it_comes():
 
 
 def test_what_waits_is_bounded_and_counted():
-    a = assembler(max_waiting=25)
+    a = started(max_waiting=25)
     for k in range(6):
         a.add(block(100 * k))
     assert a.waiting <= 25
@@ -52,7 +51,7 @@ def test_what_waits_is_bounded_and_counted():
 
 
 def test_gaps_early_and_late_profiles_are_rejected_not_guessed():
-    a = assembler()
+    a = started()
     poses(a.track, 100, 200)
     poses(a.track, 300, 400)
     for start in (55, 155, 255, 355, 455):
@@ -69,7 +68,7 @@ def test_gaps_early_and_late_profiles_are_rejected_not_guessed():
 
 
 def test_repeated_batches_and_stamps_count_once():
-    a = assembler()
+    a = started()
     poses(a.track, 0, 500)
     a.add(block(0))
     a.add(block(0))
@@ -81,7 +80,7 @@ def test_repeated_batches_and_stamps_count_once():
 
 
 def test_late_batches_are_used_and_give_the_same_map():
-    straight, mixed = assembler(), assembler()
+    straight, mixed = started(), started()
     for a, order in ((straight, range(8)), (mixed, (3, 0, 7, 1, 2, 6, 5, 4))):
         poses(a.track, 0, 1500)
         for k in order:
@@ -97,7 +96,7 @@ def test_late_batches_are_used_and_give_the_same_map():
 
 
 def test_a_stamp_that_is_no_longer_remembered_is_not_believed():
-    a = assembler(watch=StampWatch(keep=20))
+    a = started(watch=StampWatch(keep=20))
     poses(a.track, 0, 2000)
     for k in range(5):
         a.add(block(100 * k))
@@ -107,7 +106,7 @@ def test_a_stamp_that_is_no_longer_remembered_is_not_believed():
 
 
 def test_pauses_between_profiles_are_counted():
-    a = assembler()
+    a = started()
     poses(a.track, 0, 2000)
     for start in (0, 100, 540, 640):
         a.add(block(start))
@@ -116,7 +115,7 @@ def test_pauses_between_profiles_are_counted():
 
 
 def test_profiles_of_one_point_and_partial_ones_are_used():
-    a = assembler()
+    a = started()
     poses(a.track, 0, 2000)
     stamps = (100 + 10 * np.arange(50)) * MS
     a.add(ProfileBlock(stamps, np.zeros((50, 1), np.float32), np.full((50, 1), -0.129, np.float32)))
@@ -128,27 +127,15 @@ def test_profiles_of_one_point_and_partial_ones_are_used():
     assert m.points_used > 0 and a.fusion.dropouts == 10 * 45
 
 
-def test_points_outside_the_intensity_limits_are_dropouts():
-    a = assembler(intensity=(0.1, 0.9))
-    poses(a.track, 0, 2000)
-    b = block(0)
-    light = np.full(b.z.shape, 0.5, np.float32)
-    light[:, :10], light[:, -5:] = 0.05, 1.0
-    a.add(ProfileBlock(b.stamps, b.x, b.z, light))
-    assert a.fusion.dropouts == 10 * 15
-    a.add(ProfileBlock(b.stamps + 200 * MS, b.x, b.z))
-    assert a.fusion.dropouts == 10 * 15, 'a scanner without intensity is not gated'
-
-
 def test_profiles_from_before_the_scan_are_stale():
-    a = assembler(not_before_ns=50 * MS)
+    a = started(not_before_ns=50 * MS)
     poses(a.track, 0, 500)
     a.add(block(0))
     assert (a.counts.stale, a.counts.used) == (5, 5)
 
 
 def test_the_delay_moves_profiles_along_the_motion():
-    plain, late = assembler(), assembler(delay=0.1)
+    plain, late = started(), started(delay=0.1)
     for a in (plain, late):
         poses(a.track, 0, 2000)
         a.add(block(500, n=1))
@@ -157,49 +144,45 @@ def test_the_delay_moves_profiles_along_the_motion():
 
 
 def test_reasons_for_an_empty_map():
-    a = assembler()
+    a = started()
     assert a.why_empty() == 'no profiles arrived'
     a.add(block(0, height=np.nan))
     assert 'drop-outs' in a.why_empty()
-    a = assembler()
+    a = started()
     a.add(block(0))
     a.close()
     assert 'no profile has a trustworthy pose' in a.why_empty()
-    a = assembler()
+    a = started()
     poses(a.track, 0, 500)
     a.add(block(0, height=5.0))
     assert 'outside the grid or the height limits' in a.why_empty()
 
 
-def session(a: Assembler, job='a', layer=1) -> Session:
-    return Session(job, layer, 0, a)
-
-
 def test_a_session_is_complete_when_profiles_and_poses_reach_the_end():
-    s = session(assembler())
-    s.add(0, block(0))
+    s = started(job_id='a', layer=1)
+    s.add_batch(0, block(0))
     s.until_ns = 100 * MS
     assert not s.complete, 'no poses yet'
-    poses(s.assembler.track, 0, 200)
-    s.assembler.resolve()
+    poses(s.track, 0, 200)
+    s.resolve()
     assert s.complete, 'the last profile is one period before the end'
     s.until_ns = 150 * MS
     assert not s.complete
 
 
 def test_lost_batches_make_a_map_implausible():
-    s = session(assembler())
-    poses(s.assembler.track, 0, 2000)
+    s = started(job_id='a', layer=1)
+    poses(s.track, 0, 2000)
     for k in (0, 1, 5, 6):
-        s.add(k, block(100 * k))
+        s.add_batch(k, block(100 * k))
     assert s.lost == 3
-    s.add(4, block(400))
+    s.add_batch(4, block(400))
     assert s.lost == 2, 'a batch that comes late is not lost'
-    s.add(6, block(600))
-    s.add(7, block(700))
+    s.add_batch(6, block(600))
+    s.add_batch(7, block(700))
     assert s.lost == 2, 'a batch that comes twice changes nothing'
-    s.add(0, block(800))
-    s.add(1, block(900))
+    s.add_batch(0, block(800))
+    s.add_batch(1, block(900))
     assert s.lost == 2, 'a scanner that restarted lost nothing'
     fused = s.close()
 
@@ -210,10 +193,10 @@ def test_lost_batches_make_a_map_implausible():
 def test_only_the_same_job_and_grid_is_compared():
 
     limits = PlausibilityLimits(min_coverage=0.0)
-    s = session(assembler())
-    poses(s.assembler.track, 0, 5000)
+    s = started(job_id='a', layer=1)
+    poses(s.track, 0, 5000)
     for k in range(40):
-        s.add(k, block(100 * k))
+        s.add_batch(k, block(100 * k))
     fused = s.close()
     below = np.full(SPEC.shape, -0.02)
     assert s.doubts(fused, PreviousMap('a', 0, SPEC, below), limits)
@@ -234,12 +217,12 @@ def test_waiting_ends_when_nothing_new_comes_or_never_ends():
 
 
 def test_profiles_of_a_lifted_scanner_are_rejected_but_no_reason_to_doubt_the_map():
-    s = session(assembler())
-    poses(s.assembler.track, 0, 5000)
+    s = started(job_id='a', layer=1)
+    poses(s.track, 0, 5000)
     for k in range(40):
-        s.add(k, block(100 * k, height=np.nan if k < 20 else 1e-3))
+        s.add_batch(k, block(100 * k, height=np.nan if k < 20 else 1e-3))
     fused = s.close()
-    assert s.assembler.counts.rejected == 200 and s.assembler.counts.untrusted == 0
+    assert s.counts.rejected == 200 and s.counts.untrusted == 0
     assert fused.dropouts == 200 * 50
     assert s.doubts(fused, None, PlausibilityLimits(min_coverage=0.0)) == []
 
@@ -247,10 +230,10 @@ def test_profiles_of_a_lifted_scanner_are_rejected_but_no_reason_to_doubt_the_ma
 def test_a_scan_may_end_beside_the_part_but_a_blind_scanner_is_noticed():
     """The last second without a return: right where nothing was seen before either, as beside a tall part."""
     limits = PlausibilityLimits(min_coverage=0.0, max_coverage_loss=0.1)
-    s = session(assembler())
-    poses(s.assembler.track, 0, 5000)
+    s = started(job_id='a', layer=1)
+    poses(s.track, 0, 5000)
     for k in range(40):
-        s.add(k, block(100 * k, height=1e-3 if k < 30 else np.nan))
+        s.add_batch(k, block(100 * k, height=1e-3 if k < 30 else np.nan))
     s.until_ns = 4000 * MS
     fused = s.close()
     assert 0.1 < fused.coverage < 0.9
@@ -268,10 +251,10 @@ def test_a_scan_may_end_beside_the_part_but_a_blind_scanner_is_noticed():
 @pytest.mark.parametrize('end,believed', [(30, True), (24, False)])
 def test_a_first_scan_may_end_beside_the_part_as_it_began(end, believed):
     """A second without a return at the beginning; as long at the end, or longer because the scanner went blind."""
-    s = session(assembler())
-    poses(s.assembler.track, 0, 5000)
+    s = started(job_id='a', layer=1)
+    poses(s.track, 0, 5000)
     for k in range(40):
-        s.add(k, block(100 * k, height=1e-3 if 10 <= k < end else np.nan))
+        s.add_batch(k, block(100 * k, height=1e-3 if 10 <= k < end else np.nan))
     s.until_ns = 4000 * MS
     doubts = s.doubts(s.close(), None, PlausibilityLimits(min_coverage=0.0))
     assert (doubts == []) == believed
@@ -280,12 +263,12 @@ def test_a_first_scan_may_end_beside_the_part_as_it_began(end, believed):
 @pytest.mark.parametrize('stops,believed', [(3.0, True), (4.0, False)])
 def test_a_first_scan_that_stands_at_its_end_is_judged_by_its_way(stops, believed):
     """Half a second without a return at the beginning, 1.5 s at the end: standing there, or on the way."""
-    s = session(assembler())
-    track = s.assembler.track
+    s = started(job_id='a', layer=1)
+    track = s.track
     for t in range(0, 5000, 10):
         track.append(t * MS, min(t * 1e-5, stops * 1e-2), 5e-3, 10e-3)
     for k in range(40):
-        s.add(k, block(100 * k, height=1e-3 if 5 <= k < 25 else np.nan))
+        s.add_batch(k, block(100 * k, height=1e-3 if 5 <= k < 25 else np.nan))
     s.until_ns = 4000 * MS
     doubts = s.doubts(s.close(), None, PlausibilityLimits(min_coverage=0.0))
     assert (doubts == []) == believed

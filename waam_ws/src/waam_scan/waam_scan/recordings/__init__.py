@@ -1,1 +1,0 @@
-"""Files of other systems and MCAP records read as profiles, poses and logs."""
