@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from .cli_common import folder, keep, verb
+from .cli_common import folder, keep
 
 if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
     import numpy as np
 
-    from .cli_common import Verbs
     from .graph import Graph
     from .results import Result
     from .robot_evidence import Robot
@@ -37,49 +36,39 @@ point.
 """
 
 
-def register(verbs: Verbs, graph: Graph) -> None:
-    """Adds both verbs."""
-    p = verb(verbs, 'robot-tcp', "tip of a robot's tool, from touches of a fixed point", graph)
-    p.epilog = TCP
+ROBOT = (
+    ('--zero', 'dh', 'where J2 is 0', None, {'choices': ('dh', 'vertical')}),
+    ('--coupled', False, 'J3 is that of the forearm against the base'),
+    ('--accuracy', (0.2, 0.02), 'of a pose of the flange, where the file has no joints (0.2 0.02)', ('MM', 'DEG')),
+)  # fmt: skip
+
+
+def register(add: Callable[..., Any]) -> None:
+    """Adds both verbs; add: as of `cli.register`."""
+    axes = ('X', 'Y', 'Z')
+    p = add(
+        'robot-tcp', robot_tcp, "tip of a robot's tool, from touches of a fixed point",
+        ('--touch', 0.1, 'uncertainty of a touch (0.1)', 'MM'),
+        ('--told', (290.0, 0.0, 90.0), 'tool of the controller now, mm, frame of the flange (290 0 90)', axes),
+        *ROBOT, epilog=TCP,
+    )  # fmt: skip
     _add_evidence(p, 'touches')
-    p.add_argument(
-        '--touch', type=float, default=0.1, metavar='MM', help='uncertainty of a touch (0.1)'
-    )
-    p.add_argument(
-        '--told', nargs=3, type=float, default=(290.0, 0.0, 90.0), metavar=('X', 'Y', 'Z'),
-        help='tool of the controller now, mm, frame of the flange (290 0 90)',
+    p = add(
+        'hand-eye', hand_eye, 'scanner on the arm of a robot, from profiles of a sphere',
+        ('--radius', 15.0, 'of the sphere (15)', 'MM'), ('--noise', 0.05, 'uncertainty of a point (0.05)', 'MM'),
+        ('--mounted', (60.0, 0.0, 120.0, 0.0, 0.0, 90.0),
+         'scanner on the torch as mounted, mm and degrees (60 0 120 0 0 90): where the search begins',
+         (*axes, 'ROLL', 'PITCH', 'YAW')),
+        *ROBOT, epilog=EYE,
     )  # fmt: skip
-    p.set_defaults(run_command=lambda args: robot_tcp(args, graph))
-    p = verb(verbs, 'hand-eye', 'scanner on the arm of a robot, from profiles of a sphere', graph)
-    p.epilog = EYE
     _add_evidence(p, 'profiles')
-    p.add_argument('--radius', type=float, default=15.0, metavar='MM', help='of the sphere (15)')
-    p.add_argument(
-        '--noise', type=float, default=0.05, metavar='MM', help='uncertainty of a point (0.05)'
-    )
-    p.add_argument(
-        '--mounted', nargs=6, type=float, default=(60.0, 0.0, 120.0, 0.0, 0.0, 90.0),
-        metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
-        help='scanner on the torch as mounted, mm and degrees (60 0 120 0 0 90): where the search begins',
-    )  # fmt: skip
-    p.set_defaults(run_command=lambda args: hand_eye(args, graph))
 
 
 def _add_evidence(p: argparse.ArgumentParser, what: str) -> None:
     given = p.add_mutually_exclusive_group(required=True)
     given.add_argument('--file', type=Path, help=f'the {what}: lines of numbers, see below')
-    given.add_argument(
-        '--rehearse', type=int, metavar='SEED',
-        help='on a simulated robot with the stated errors; nothing is kept',
-    )  # fmt: skip
-    p.add_argument('--zero', choices=('dh', 'vertical'), default='dh', help='where J2 is 0')
-    p.add_argument(
-        '--coupled', action='store_true', help='J3 is that of the forearm against the base'
-    )
-    p.add_argument(
-        '--accuracy', nargs=2, type=float, default=(0.2, 0.02), metavar=('MM', 'DEG'),
-        help='of a pose of the flange, where the file has no joints (0.2 0.02)',
-    )  # fmt: skip
+    text = 'on a simulated robot with the stated errors; nothing is kept'
+    given.add_argument('--rehearse', type=int, metavar='SEED', help=text)
 
 
 def robot_tcp(args: argparse.Namespace, graph: Graph) -> int:
@@ -96,8 +85,7 @@ def robot_tcp(args: argparse.Namespace, graph: Graph) -> int:
     notes = ['tool of the controller, mm: ' + ' '.join(f'{v * 1e3:.3f}' for v in found.tip)]
     if truth is not None:
         return _rehearsed(result, notes, found.tip - truth[:3, 3], found.interval)
-    keep(folder(args, graph), result, notes, [pictures_robot.touches(found)])
-    return 0
+    return keep(folder(args, graph), result, notes, [pictures_robot.touches(found)])
 
 
 def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
@@ -122,8 +110,7 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
     notes = outcome_robot.scan_parameters(on_torch)
     if truth is not None:
         return _rehearsed(result, notes, found.scanner[:3, 3] - truth[:3, 3], found.interval[:3])
-    keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
-    return 0
+    return keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
 
 
 @contextmanager

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from . import measures, regulator, results
+from . import measures, results
 from .lead import LONGEST, Lead
-from .relay import Relay
 from .resonance import Resonance
 from .results import Result
 from .shapers import SMOOTHING
@@ -150,39 +149,3 @@ def of_lead(found: Lead, now: datetime) -> Result:
         f'lag {1e3 * found.lag:.1f} +- {1e3 * found.lag_sigma:.1f} ms'
     )
     return Result('lead', '', stamp(now), text, values, evidence, found.settings(), refuses)
-
-
-def of_arc(found: Relay, now: datetime) -> Result:
-    """Gains by both rules; what is judged are the fixed gains that the controller has."""
-    plant = found.plant
-    values = {
-        'ku': found.ku, 'tu_s': found.tu, 'gain': plant.gain, 'lag_s': plant.lag, 'delay_s': plant.delay,
-    }  # fmt: skip
-    for name, gains in gains_of(found).items():
-        response = regulator.step_response(gains, plant)
-        values |= {
-            f'{name}_kp': gains.kp,
-            f'{name}_ki': gains.ki,
-            f'{name}_kd': gains.kd,
-            f'{name}_margin_deg': regulator.margin(gains, plant),
-            f'{name}_overshoot_pct': min(100 * regulator.overshoot(response), 1e3),
-        }
-    margin = values['shipped_margin_deg']
-    refuses = ''
-    if margin < regulator.MARGIN:
-        refuses = f'the arc regulator has a phase margin of {margin:.0f} deg, at least {regulator.MARGIN:g}'
-    evidence = {'periods': float(found.periods), 'misfit': found.misfit}
-    text = (
-        f'Ku {found.ku:.2f}, Tu {1e3 * found.tu:.1f} ms; gain {plant.gain:.2f}, lag {1e3 * plant.lag:.1f} ms, '
-        f'delay {1e3 * plant.delay:.1f} ms; shipped gains: margin {margin:.0f} deg'
-    )
-    return Result('arc', '', stamp(now), text, values, evidence, [], refuses)
-
-
-def gains_of(found: Relay) -> dict[str, regulator.Gains]:
-    """By name: those of the controller, after Ziegler and Nichols, analytic."""
-    return {
-        'shipped': regulator.SHIPPED,
-        'ziegler_nichols': found.ziegler_nichols,
-        'analytic': regulator.analytic(found.plant),
-    }

@@ -16,8 +16,9 @@ from .shapers import TYPES
 VERSION = 1
 KINDS = {
     'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
-    'arc': ('',), 'robot-tcp': ('',), 'hand-eye': ('',),
+    'robot-tcp': ('',), 'hand-eye': ('',),
 }  # fmt: skip
+GONE = ('arc',)  # kinds of older versions: their results count no more
 TOLD = 6e-4  # by how much a setting may differ from what was told: it travels rounded
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
