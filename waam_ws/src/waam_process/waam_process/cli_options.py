@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 Verbs = Any  # what `add_subparsers` gives
+Options = tuple[tuple[Any, ...], ...]  # a table
 
 
 def add_options(p: argparse._ActionsContainer, *rows: tuple[Any, ...]) -> None:
