@@ -31,6 +31,7 @@ from .standoff import OF_SOURCE
     CONFIGURE,
     SETTINGS,
 ) = range(1, 15)  # waam_msgs/srv/Command
+WIRE_JOG_SPEED = 2 / 60  # m/s
 REAL_TIME = {STOP: frames.STOP_NOW, HOLD: frames.HOLD_NOW}  # bytes that act before their command
 
 
@@ -127,7 +128,7 @@ def _jog(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
 
 
 def _jog_wire(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
-    feed = _feed('JOG_WIRE', bridge.params.wire_jog_speed)
+    feed = _feed('JOG_WIRE', WIRE_JOG_SPEED)
     bridge.ask('W', f'{number(to_mm(c.value), 3)} {feed}', reply, now)
 
 

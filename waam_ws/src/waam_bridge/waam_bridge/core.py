@@ -29,6 +29,8 @@ from .pending import Pending, Reply
 from .program import Mark, Modal, Pace, Permit, as_programmed
 from .standoff import Standoff
 
+TICK_S = 0.1  # between lease ticks, controller time: a lease is as old as one of them and the slowest answer
+
 
 class Bridge:
     """State of the machine as the host sees it, and everything that may be asked of it."""
@@ -59,7 +61,7 @@ class Bridge:
         self.pending = Pending()
         self.standoff = Standoff(params)
         self.accelerometer = Accelerometer(params.accelerometer_axes)
-        self._resends = ResendWatch(params.resend_warning)
+        self._resends = ResendWatch()
 
     @property
     def connected(self) -> bool:
@@ -196,7 +198,7 @@ class Bridge:
             faults.lines_denied(self, why)
         if self.dropping and t.state in (IDLE, ALARM):
             self._drop(self.dropping)
-        if t.t_us - self._tick >= self.params.tick_period * 1e6 or t.t_us < self._tick:
+        if t.t_us - self._tick >= TICK_S * 1e6 or t.t_us < self._tick:
             self._on_tick(t, now)
         self.standoff.poll(self, now)
         if not self.dropping:
