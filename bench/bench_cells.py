@@ -56,7 +56,7 @@ def panel(stack: ExitStack, folder: Path, name: str):
     from conftest import FakeOperations
 
     from waam_panel.cell import Cell
-    from waam_panel.in_shop import Place
+    from waam_panel.operations import Place
     from waam_panel.parts import PartFolders
     from waam_panel.security import Guard
     from waam_panel.shop_link import ShopLink

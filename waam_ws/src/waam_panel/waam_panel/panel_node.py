@@ -36,11 +36,10 @@ from waam_view.node_tap import TelemetryTap
 
 from .cell import Cell
 from .conversions import CONVERT
-from .in_shop import Place
-from .known_tokens import KnownTokens
 from .node_operations import RosOperations
+from .operations import Place
 from .parts import PartFolders
-from .security import Guard, is_local, open_tokens, tls_context
+from .security import Guard, KnownTokens, is_local, open_tokens, tls_context
 from .shop_link import ShopLink
 from .state import PanelState
 from .web import WebServer
