@@ -28,7 +28,6 @@ examples:
   waam calibrate lead --record jobs/latest              delay and lag of the wire drive, from that bead
   waam calibrate robot-tcp --file touches.csv           tip of a robot's tool, from touches of a fixed point
   waam calibrate hand-eye --file profiles.csv           scanner on a robot, from profiles of a sphere
-  waam calibrate hand-eye --rehearse 3                  the same on a simulated robot
   waam calibrate status                                 what is calibrated, when, and what a job will refuse
   waam calibrate apply                                  tells a controller that lost its power what was found
 
@@ -153,7 +152,7 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
         x, y, z = (v * 1e-3 for v in args.point) if args.point else (0.0, 0.0, 0.0)
         samples = graph.measure(args, sweep, args.axis, (x, y, z) if args.point else None)
     found = analyse(samples, sweep, args.axis)
-    result = outcome.of_resonance(found, sweep, datetime.now(UTC))
+    result = outcome.of_resonance(found, sweep).of(datetime.now(UTC))
     lines = report.log_lines(found.candidates, found.chosen)
     print('\n'.join([*lines, result.text]))
     if args.dry_run:
@@ -169,7 +168,7 @@ def resonance(args: argparse.Namespace, graph: Graph) -> int:
 
 def steps(args: argparse.Namespace, graph: Graph) -> int:
     """Steps per mm, told to the controller. EvidenceError when its present ones are not known."""
-    from . import measures, outcome
+    from . import measures
     from .evidence import EvidenceError
 
     told = graph.told(args)
@@ -178,12 +177,11 @@ def steps(args: argparse.Namespace, graph: Graph) -> int:
         raise EvidenceError(
             'no controller says its steps per mm: start the graph (waam up), or give --steps-per-mm'
         )
-    found = measures.steps(args.commanded, args.measured, now)
-    result = outcome.of_steps(found, args.axis, len(args.commanded), datetime.now(UTC))
+    result = measures.steps(args.axis, args.commanded, args.measured, now)
     if args.dry_run:
         print(result.text)
         return 0
-    correct = f'waam correct PROGRAM --scale-{args.axis} {found.scale:.6f} --out FILE'
+    correct = f'waam correct PROGRAM --scale-{args.axis} {result.values["scale"]:.6f} --out FILE'
     tells = 'waam calibrate apply tells the controller' if told is None else ''
     keep(folder(args, graph), result, [f'{tells}; until it has it: {correct}'] if tells else [])
     if told is not None:
@@ -193,23 +191,21 @@ def steps(args: argparse.Namespace, graph: Graph) -> int:
 
 def skew(args: argparse.Namespace, graph: Graph) -> int:
     """The angle that `waam correct` takes."""
-    from . import measures, outcome
+    from . import measures
 
-    found = measures.skew(args.side_x, args.rising, args.falling, args.side_y, args.gauge)
-    result = outcome.of_skew(found, datetime.now(UTC))
-    note = f'programs are made true by: waam correct PROGRAM --y-to-x {found.y_to_x:.4f} --out FILE'
+    result = measures.skew(args.side_x, args.rising, args.falling, args.side_y, args.gauge)
+    note = f'programs are made true by: waam correct PROGRAM --y-to-x {result.values["y_to_x_deg"]:.4f} --out FILE'
     return keep(folder(args, graph), result, [note])
 
 
 def tool_point(args: argparse.Namespace, graph: Graph) -> int:
     """Offset of the wire tip and its limit."""
-    from . import measures, outcome
+    from . import measures
 
-    found = measures.tool_point(args.width, args.slope, args.wire)
-    result = outcome.of_tool_point(found, len(args.width), datetime.now(UTC))
+    result = measures.tool_point(args.width, args.slope, args.wire)
     note = (
         'the tool centre point can stay'
-        if found.within
+        if not result.refuses
         else 'calibrate the tool centre point anew and measure again'
     )
     return keep(folder(args, graph), result, [note])
@@ -223,7 +219,7 @@ def wire(args: argparse.Namespace, graph: Graph) -> int:
     feed = core.normal_feed(graph.wire(args.record)) if args.record else None
     wheel = core.Wheel(args.diameter, args.counts_per_turn)
     found = core.calibrate(wheel, args.length, args.counted, args.slowest, args.threshold, feed)
-    result = outcome.of_wire(found, args.controller, UNDERFEED, datetime.now(UTC))
+    result = outcome.of_wire(found, args.controller, UNDERFEED)
     turn = f'{wheel.per_turn:.2f} mm per turn, {wheel.per_count:.4g} mm per count by the wheel'
     note = f'{turn}; the controller is built with ENCODER_PER_MM {args.controller:g} (waam_firmware/stm32)'
     notes = [note, 'waam calibrate apply tells the controller the threshold']
@@ -241,7 +237,7 @@ def lead(args: argparse.Namespace, graph: Graph) -> int:
         print(f'{args.program}: lay it with waam job run {args.program} --dialect waam')
         return 0
     found = core.identify(graph.wire(args.record), args.reading)
-    result = outcome.of_lead(found, datetime.now(UTC))
+    result = outcome.of_lead(found)
     note = 'waam calibrate apply tells the controller'
     return keep(folder(args, graph), result, [note], [pictures.wire_steps(found)])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ def keep(where: Path, result: Result, notes: Sequence[str], pictures: Sequence[b
     """Stores a result with its report, prints both. Exit status 0."""
     from . import report, store
 
+    result = result.of(datetime.now(UTC))
     path = store.save(where, result, report.page(result, pictures, notes))
     print('\n'.join([result.text, *notes]))
     if result.refuses:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .cli_common import folder, keep
+from .cli_common import WANTED, folder, keep
 
 if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
     import numpy as np
 
     from .graph import Graph
-    from .results import Result
     from .robot_evidence import Robot
 
 FILES = """\
@@ -36,6 +34,7 @@ point.
 """
 
 
+FILE = ('--file', Path, 'lines of numbers, see below', None, WANTED)
 ROBOT = (
     ('--zero', 'dh', 'where J2 is 0', None, {'choices': ('dh', 'vertical')}),
     ('--coupled', False, 'J3 is that of the forearm against the base'),
@@ -46,45 +45,34 @@ ROBOT = (
 def register(add: Callable[..., Any]) -> None:
     """Adds both verbs; add: as of `cli.register`."""
     axes = ('X', 'Y', 'Z')
-    p = add(
+    add(
         'robot-tcp', robot_tcp, "tip of a robot's tool, from touches of a fixed point",
         ('--touch', 0.1, 'uncertainty of a touch (0.1)', 'MM'),
         ('--told', (290.0, 0.0, 90.0), 'tool of the controller now, mm, frame of the flange (290 0 90)', axes),
-        *ROBOT, epilog=TCP,
+        FILE, *ROBOT, epilog=TCP,
     )  # fmt: skip
-    _add_evidence(p, 'touches')
-    p = add(
+    add(
         'hand-eye', hand_eye, 'scanner on the arm of a robot, from profiles of a sphere',
         ('--radius', 15.0, 'of the sphere (15)', 'MM'), ('--noise', 0.05, 'uncertainty of a point (0.05)', 'MM'),
         ('--mounted', (60.0, 0.0, 120.0, 0.0, 0.0, 90.0),
          'scanner on the torch as mounted, mm and degrees (60 0 120 0 0 90): where the search begins',
          (*axes, 'ROLL', 'PITCH', 'YAW')),
-        *ROBOT, epilog=EYE,
+        FILE, *ROBOT, epilog=EYE,
     )  # fmt: skip
-    _add_evidence(p, 'profiles')
-
-
-def _add_evidence(p: argparse.ArgumentParser, what: str) -> None:
-    given = p.add_mutually_exclusive_group(required=True)
-    given.add_argument('--file', type=Path, help=f'the {what}: lines of numbers, see below')
-    text = 'on a simulated robot with the stated errors; nothing is kept'
-    given.add_argument('--rehearse', type=int, metavar='SEED', help=text)
 
 
 def robot_tcp(args: argparse.Namespace, graph: Graph) -> int:
     """Tip of the tool. EvidenceError where the touches do not tell it."""
     import numpy as np
 
-    from . import outcome_robot, pictures_robot, robot_evidence, robot_fit
+    from . import outcome, pictures_robot, robot_evidence, robot_fit
 
-    text, truth = _evidence(args, graph, 'touches')
+    text = args.file.read_text(errors='replace')
     with _of_file(args.file):
         found = robot_fit.tool(robot_evidence.touches(text, _robot(args)), args.touch * 1e-3)
     told = np.array(args.told) * 1e-3
-    result = outcome_robot.of_tool(found, told, datetime.now(UTC))
+    result = outcome.of_tool(found, told)
     notes = ['tool of the controller, mm: ' + ' '.join(f'{v * 1e3:.3f}' for v in found.tip)]
-    if truth is not None:
-        return _rehearsed(result, notes, found.tip - truth[:3, 3], found.interval)
     return keep(folder(args, graph), result, notes, [pictures_robot.touches(found)])
 
 
@@ -95,9 +83,9 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
     from waam_robot.frames import pose_from_wpr
     from waam_robot.station import Station
 
-    from . import outcome_robot, pictures_robot, robot_evidence, robot_fit
+    from . import outcome, pictures_robot, robot_evidence, robot_fit
 
-    text, truth = _evidence(args, graph, 'profiles')
+    text = args.file.read_text(errors='replace')
     station = Station()
     mounted = pose_from_wpr(np.array(args.mounted[:3]) * 1e-3, np.radians(args.mounted[3:]))
     with _of_file(args.file):
@@ -106,31 +94,29 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
             seen, args.radius * 1e-3, station.on_flange(mounted), args.noise * 1e-3
         )
     on_torch = station.on_torch(found.scanner)
-    result = outcome_robot.of_hand_eye(found, on_torch, mounted, datetime.now(UTC))
-    notes = outcome_robot.scan_parameters(on_torch)
-    if truth is not None:
-        return _rehearsed(result, notes, found.scanner[:3, 3] - truth[:3, 3], found.interval[:3])
+    result = outcome.of_hand_eye(found, on_torch, mounted)
+    notes = scan_parameters(on_torch)
     return keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
 
 
 @contextmanager
-def _of_file(file: Path | None) -> Iterator[None]:
+def _of_file(file: Path) -> Iterator[None]:
     """Poor evidence is told with the name of its file."""
     from .evidence import EvidenceError
 
     try:
         yield
     except EvidenceError as e:
-        raise EvidenceError(f'{file}: {e}' if file else str(e)) from None
+        raise EvidenceError(f'{file}: {e}') from None
 
 
-def _evidence(args: argparse.Namespace, graph: Graph, what: str) -> tuple[str, np.ndarray | None]:
-    """Text of the file; or of a rehearsal, with the truth (4, 4)."""
-    if args.rehearse is None:
-        return args.file.read_text(errors='replace'), None
-    if graph.rehearse is None:
-        raise ValueError('--rehearse needs the laboratory: call it as `waam calibrate`')
-    return graph.rehearse(what, args.rehearse)
+def scan_parameters(on_torch: np.ndarray) -> list[str]:
+    """Parameters of scan_fusion for the scanner (4, 4) on the torch."""
+    from waam_robot.frames import wpr
+
+    xyz = ', '.join(f'{v:.6f}' for v in on_torch[:3, 3])
+    rpy = ', '.join(f'{v:.6f}' for v in wpr(on_torch))
+    return [f'scan_fusion: mount_xyz: [{xyz}], mount_rpy: [{rpy}]']
 
 
 def _robot(args: argparse.Namespace) -> Robot:
@@ -145,11 +131,3 @@ def _robot(args: argparse.Namespace) -> Robot:
         raise ValueError('--accuracy: wanted two positive numbers')
     counting = Counting(args.zero, args.coupled)
     return Robot(counting, position=position * 1e-3, angle=math.radians(angle))
-
-
-def _rehearsed(result: Result, notes: list[str], off: np.ndarray, interval: np.ndarray) -> int:
-    lines = [result.text, *notes, 'against the truth of the simulated robot:']
-    for axis, miss, half in zip('xyz', off * 1e3, interval * 1e3, strict=True):
-        lines.append(f'  {axis} off by {miss:+.3f} mm, 95 % interval +-{half:.3f} mm')
-    print('\n'.join([*lines, 'a rehearsal: nothing is kept']))
-    return 0

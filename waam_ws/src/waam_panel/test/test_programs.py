@@ -140,7 +140,9 @@ def test_a_calibration_that_refuses_keeps_program_and_part_from_starting(panel, 
     def skew(day: int, refuses: str) -> None:
         date = f'2026-11-{day:02d}T10:00:00+00:00'
         store.save(
-            folder, Result('skew', '', date, 'y leans', {'y_to_x_deg': 0.9}, refuses=refuses), ''
+            folder,
+            Result('skew', '', 'y leans', {'y_to_x_deg': 0.9}, refuses=refuses, date=date),
+            '',
         )
 
     machine_says(panel, armed=True)
