@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,6 +14,7 @@ from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.lead import WireRecord
 from waam_calibrate.wire import Feed, Wheel, calibrate, normal_feed
 
+NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 WHEEL = Wheel(35.0, 4096)
 
 
@@ -82,9 +85,9 @@ def test_the_threshold_must_clear_normal_feed() -> None:
 
 def test_result_and_its_page() -> None:
     found = calibrate(WHEEL, [500.0] * 3, [18600.0] * 3, 33.0, feed=normal_feed(fed(0.01)))
-    good = outcome.of_wire(found, 37.25, 'threshold')
+    good = outcome.of_wire(found, 37.25, 'threshold').of(NOW)
     assert not good.refuses and good.settings == [('threshold', 0.9)]
-    bad = outcome.of_wire(found, 40.0, '')
+    bad = outcome.of_wire(found, 40.0, '').of(NOW)
     assert 'reads -7.0 % wrong' in bad.refuses and not bad.settings
     assert results.refusals([good]) == [] and results.refusals([bad])[0].startswith('wire: ')
     page = report.page(bad, [pictures.wire_lengths(found)])
