@@ -124,7 +124,7 @@ def _jog(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         text = f'JOG: speed is {c.value:g} m/s, limit {bridge.params.speed_max:g} m/s'
         raise CommandError(requests.BAD_ARGUMENT, text)
     move = ' '.join(number(to_mm(v), 4) for v in c.vector)
-    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.moved)
+    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.reopen)
 
 
 def _jog_wire(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
