@@ -184,12 +184,12 @@ def graph_watch(run: Path) -> Callable[[], str]:
 
 def arguments(settings: Settings, domain: int) -> list[str]:
     """Of `waam up`, for a graph with these settings."""
-    args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
-    args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
-    args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
+    same = ('seed', 'rate', 'grpc_port', 'web_port', 'hang_timeout', 'machine', 'port', 'preset')
+    args = ['--run', str(settings.run), '--domain', str(domain)]
+    for name in same:
+        args += [f'--{name.replace("_", "-")}', str(getattr(settings, name))]
     args += ['--panel-port', str(settings.panel_port or free_port())]
     args += ['--stop-port', str(settings.stop_port)] if settings.stop_port else []
-    args += ['--machine', settings.machine, '--port', settings.port, '--preset', settings.preset]
     args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
     for name in settings.without:
         args += ['--without', name]
