@@ -44,7 +44,7 @@ def store_part(name: str, file: Path) -> str:
 
 def is_program(file: Path) -> bool:
     """Whether a file is G-code of another slicer, and not a mesh."""
-    from waam_plan.read.files import SUFFIXES
+    from waam_panel.programs import SUFFIXES
 
     return file.suffix.lower() in SUFFIXES
 
