@@ -50,7 +50,7 @@ class BridgeNode(WaamNode):
         self._lock = threading.RLock()
         self._crash: Exception | None = None  # of the link's thread
         self._settled = threading.Event()  # the port was tried once
-        self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log, p.csv_rate))
+        self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log))
         self._create_inputs()
         self.on_change(self._take_params)
         self.create_timer(1.0, self._on_second, clock=self.steady)
@@ -80,11 +80,11 @@ class BridgeNode(WaamNode):
         self._served = Services(self, self.core, self._lock, self._pump, self._at_once)
         self._measures = False  # the controller has an accelerometer, and others can see it
 
-    def _open_csv(self, path: str, rate: float) -> CsvLog | None:
+    def _open_csv(self, path: str) -> CsvLog | None:
         if not path:
             return None
         try:
-            return CsvLog(open(path, 'w', encoding='utf-8', buffering=1), rate)
+            return CsvLog(open(path, 'w', encoding='utf-8', buffering=1))
         except OSError as e:
             raise ValueError(f"bridge: parameter 'csv_log': {path}: {e.strerror}") from None
 

@@ -31,6 +31,7 @@ from .standoff import OF_SOURCE
     CONFIGURE,
     SETTINGS,
 ) = range(1, 15)  # waam_msgs/srv/Command
+WIRE_JOG_SPEED = 2 / 60  # m/s
 REAL_TIME = {STOP: frames.STOP_NOW, HOLD: frames.HOLD_NOW}  # bytes that act before their command
 
 
@@ -123,11 +124,11 @@ def _jog(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         text = f'JOG: speed is {c.value:g} m/s, limit {bridge.params.speed_max:g} m/s'
         raise CommandError(requests.BAD_ARGUMENT, text)
     move = ' '.join(number(to_mm(v), 4) for v in c.vector)
-    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.moved)
+    bridge.ask('J', f'{move} {_feed("JOG", c.value)}', reply, now, bridge.reopen)
 
 
 def _jog_wire(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
-    feed = _feed('JOG_WIRE', bridge.params.wire_jog_speed)
+    feed = _feed('JOG_WIRE', WIRE_JOG_SPEED)
     bridge.ask('W', f'{number(to_mm(c.value), 3)} {feed}', reply, now)
 
 

@@ -12,99 +12,28 @@ from waam_process.units import mm
 
 from . import batches, faults, frames, overrides, program, requests
 from .acceleration import Accelerometer
-from .arming import Arming
 from .frames import ALARM, IDLE
-from .link import Link
-from .outbox import (
-    ALARM_SEVERITY,
-    FAULT,
-    INFO,
-    WARNING,
-    Notice,
-    Outbox,
-    ResendWatch,
-)
+from .machine import Machine
+from .outbox import ALARM_SEVERITY, FAULT, INFO, WARNING, ResendWatch
 from .params import BridgeParams
-from .pending import Pending, Reply
-from .program import Mark, Modal, Pace, Permit, as_programmed
+from .pending import Reply
+from .program import Permit
 from .standoff import Standoff
 
+TICK_S = 0.1  # between lease ticks, controller time: a lease is as old as one of them and the slowest answer
 
-class Bridge:
-    """State of the machine as the host sees it, and everything that may be asked of it."""
+
+class Bridge(Machine):
+    """The machine, and everything that may be asked of it."""
 
     def __init__(self, params: BridgeParams) -> None:
-        self.params = params
-        self.arming = Arming()
-        self.link = Link(params, self.arming.lease_us, self._on_ready)
-        self.outbox = Outbox(changed=True)
-        self.state, self.fault, self.fault_text = IDLE, 0, ''
-        # why this end holds the controller, '' = it does not, or an operator does
-        self.held_because = ''
-        self.message = 'not connected'
-        self.pace: Pace = as_programmed  # what the machine makes of the speeds of segments
+        super().__init__(params, self._on_ready)
         # why there must be no arc for now: asked before a job is armed
         self.unfit: Callable[[], str] = lambda: ''
-        self.offset: Point | None = None  # m, work zero in machine coordinates
-        self.flags = 0
-        self.modal = Modal()
-        self.done = -1  # last executed index of modal.job
-        self.generation = 0  # of the chain of segments: permits of an older one are void
-        self.broken = ''  # why the program cannot go on
-        self.dropping = ''  # why the queue is dropped once telemetry has shown what was executed
-        self.overrides = (1.0, 1.0)  # speed, wire: the operator's factors
-        self.process = (1.0, 1.0)  # the same of a process control, which multiply them
-        self.process_heard = 0.0  # s, steady clock
-        self._tick = 0
-        self.pending = Pending()
         self.standoff = Standoff(params)
         self.accelerometer = Accelerometer(params.accelerometer_axes)
-        self._resends = ResendWatch(params.resend_warning)
-
-    @property
-    def connected(self) -> bool:
-        """The controller has identified itself and may be used."""
-        return self.link.ready
-
-    @property
-    def armed_job(self) -> str:
-        """The job that may use the arc, '' = none."""
-        return self.arming.job
-
-    @property
-    def silent(self) -> list[str]:
-        """Required nodes whose heartbeat is late."""
-        return self.arming.silent
-
-    @property
-    def job(self) -> str:
-        """The armed job, or else the one whose segments came last; '' = none."""
-        return self.armed_job or self.modal.job
-
-    @property
-    def queued(self) -> int:
-        """Segments that were not executed."""
-        return self.link.sender.marks
-
-    @property
-    def running(self) -> Mark | None:
-        """The oldest segment that was not executed."""
-        return self.link.sender.oldest_mark
-
-    @property
-    def position(self) -> Point | None:
-        """m, work frame."""
-        t = self.link.telemetry
-        return (t.x_um * 1e-6, t.y_um * 1e-6, t.z_um * 1e-6) if t else None
-
-    def take_outbox(self) -> Outbox:
-        """Hands over what is to be published and starts a new box."""
-        box, self.outbox = self.outbox, Outbox()
-        return box
-
-    def notice(self, severity: int, class_name: str, text: str, reaction: str = 'none') -> None:
-        """An anomaly to be published; severity: one of `outbox`, class_name and reaction as in Anomaly.msg."""
-        self.outbox.notices.append(Notice(severity, class_name, text, reaction))
+        self._tick = 0
+        self._resends = ResendWatch()
 
     # ---- the port
 
@@ -120,12 +49,6 @@ class Bridge:
         self.pending.end_home(requests.NOT_CONNECTED, reason, self.outbox.replies)
         self.pending.flush(self.outbox.replies)
         self.say(reason)
-
-    def say(self, message: str) -> None:
-        """What machine_state shows as its message."""
-        if message != self.message:
-            self.message = message
-            self.outbox.changed = True
 
     def _on_ready(self, known: bool, restarted: bool, now: float) -> None:
         link = self.link
@@ -149,7 +72,7 @@ class Bridge:
             )
             self.notice(ALARM_SEVERITY, 'link', f'{who}: its queue is lost', 'abort')
         self.dropping = self.broken = ''
-        self._reopen()
+        self.reopen()
         self._start_offset()
         self.overrides = self.process = (1.0, 1.0)
         if link.newest.flags & frames.ARMED:
@@ -196,7 +119,7 @@ class Bridge:
             faults.lines_denied(self, why)
         if self.dropping and t.state in (IDLE, ALARM):
             self._drop(self.dropping)
-        if t.t_us - self._tick >= self.params.tick_period * 1e6 or t.t_us < self._tick:
+        if t.t_us - self._tick >= TICK_S * 1e6 or t.t_us < self._tick:
             self._on_tick(t, now)
         self.standoff.poll(self, now)
         if not self.dropping:
@@ -246,18 +169,6 @@ class Bridge:
         self.forget()
         self.say(f'{reason}; {lost} segments dropped' if lost else reason)
 
-    def forget(self) -> None:
-        """All lines that the controller has not executed; what comes next starts where the machine is."""
-        self.dropping = ''
-        self.link.sender.drop()
-        self.link.resync()
-        self._reopen()
-
-    def _reopen(self) -> None:
-        """The next segment starts from where the machine is, and repeats all modal words."""
-        self.modal = Modal(job=self.modal.job)
-        self.generation += 1
-
     # ---- lease and segments
 
     def beat(self, node: str, tick_us: int, boot: int, now: float, source: str = '') -> None:
@@ -301,7 +212,7 @@ class Bridge:
     def home(self, reply: Reply, now: float) -> None:
         """Queues G28. The reply comes once the controller has accepted it, or with TIMEOUT after 1 s."""
         seq = self.link.sender.put(b'G28')
-        self._reopen()
+        self.reopen()
         self.pending.home(seq, reply, now)
 
     def stopped(self, reason: str) -> None:
@@ -324,14 +235,10 @@ class Bridge:
         self.arming.disarm()
         self.outbox.changed = True
 
-    def moved(self) -> None:
-        """The machine moved, or its zero did, outside the program."""
-        self._reopen()
-
     def set_offset(self, offset_mm: tuple[float, ...]) -> None:
         """The work zero in machine coordinates, mm; the next segment repeats all modal words."""
         self.offset = _point(offset_mm)
-        self._reopen()
+        self.reopen()
 
 
 def _point(values_mm: tuple[float, ...]) -> Point:

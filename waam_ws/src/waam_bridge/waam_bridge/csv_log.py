@@ -9,6 +9,8 @@ from .frames import Telemetry
 
 COLUMNS = ('Timestamp', 'X_pos', 'Y_pos', 'Z_pos', 'Current_A', 'Voltage_V', 'Temp_C', 'Feed_Rate')
 
+PERIOD_US = 100_000  # the 10 Hz of source 000
+
 
 def row(t: Telemetry, ros_ns: int, temperature: float) -> str:
     """One row: UTC time, positions in mm (work), A, V, degrees Celsius (nan = unknown), travel feed in mm/min."""
@@ -22,18 +24,18 @@ def row(t: Telemetry, ros_ns: int, temperature: float) -> str:
 
 
 class CsvLog:
-    """Writes rows at most every 1/rate s of controller time."""
+    """Writes rows at most every PERIOD_US of controller time."""
 
-    def __init__(self, file: TextIO, rate: float) -> None:
+    def __init__(self, file: TextIO) -> None:
         self.temperature = float('nan')
-        self._file, self._period_us, self._next_us = file, round(1e6 / rate), 0
+        self._file, self._next_us = file, 0
         file.write('; '.join(COLUMNS) + '\n')
 
     def add(self, t: Telemetry, ros_ns: int) -> None:
         """Writes a row when one is due; ros_ns: ROS time of the frame."""
-        if self._next_us - self._period_us <= t.t_us < self._next_us:
+        if self._next_us - PERIOD_US <= t.t_us < self._next_us:
             return
-        self._next_us = t.t_us + self._period_us
+        self._next_us = t.t_us + PERIOD_US
         self._file.write(row(t, ros_ns, self.temperature) + '\n')
 
     def close(self) -> None:

@@ -55,7 +55,7 @@ def line_refused(machine: Machine, refused: frames.LineRefused) -> None:
     machine.broken = where
     lost = sender.drop(keep=refused.seq - 1)
     machine.link.resync()
-    machine.moved()
+    machine.reopen()
     machine.say(f'{where}; {lost} segments dropped')
     machine.notice(FAULT, 'link', where, 'abort')
 

@@ -17,6 +17,8 @@ from .requests import OK, Done, Requests
 from .stream import Sender
 
 ASK_AGAIN = 0.5  # s
+HEARTBEAT_S = 0.05  # between heartbeats, controller time and wall time
+RESEND_S = 0.2  # without progress for so long the oldest line is sent again
 REPEAT_RESYNC = 0.05  # s between attempts to agree on the next number
 PONGS = 400  # round trips kept for the percentiles
 SEQUENCE = 2**32
@@ -49,7 +51,7 @@ class Link:
         on_ready: Callable[[bool, bool, float], None],
     ) -> None:
         self.params, self._lease_us, self._on_ready = params, lease_us, on_ready
-        self.sender = Sender(params.resend_timeout, params.window)
+        self.sender = Sender(RESEND_S, params.window)
         self.requests = Requests()
         self.clock = ClockMap()
         self.phase = Phase.CLOSED
@@ -146,7 +148,7 @@ class Link:
         else:
             self._check_promise(t)
             self.sender.ack(t.line_accepted, t.free_blocks, None, now)
-        if t.t_us - self._beat_us >= self.params.heartbeat_period * 1e6:
+        if t.t_us - self._beat_us >= HEARTBEAT_S * 1e6:
             self.beat(now)
 
     def _count(self, t: frames.Telemetry) -> None:
@@ -264,7 +266,7 @@ class Link:
         elif self.phase == Phase.IDENTIFY:
             self._poll_identify(now)
         if self.phase >= Phase.SYNC:
-            if now - self._beat >= self.params.heartbeat_period:
+            if now - self._beat >= HEARTBEAT_S:
                 self.beat(now)
             again = self.requests.poll(now)
             if again:

@@ -22,6 +22,7 @@ CLASS_OF = {
     POWER_UP: 'operator',
 }  # all others: 'link'
 RESEND_WINDOW = 10.0  # s
+RESEND_SHARE = 0.05  # of the lines, that is worth a warning
 RESEND_LEAST = 5  # lines sent again in the window below which no rate is judged
 
 
@@ -84,10 +85,9 @@ def of_fault(state: int, code: int, text: str, silent: list[str]) -> Notice:
 
 
 class ResendWatch:
-    """Warns when the share of lines that had to be sent again within 10 s is above `share`."""
+    """Warns when too large a share of the lines had to be sent again within 10 s."""
 
-    def __init__(self, share: float) -> None:
-        self._share = share
+    def __init__(self) -> None:
         self._since, self._sent, self._again = 0.0, 0, 0
 
     def poll(self, sender: Sender, now: float) -> Notice | None:
@@ -96,7 +96,7 @@ class ResendWatch:
             return None
         sent, again = sender.lines_sent - self._sent, sender.resends - self._again
         self._since, self._sent, self._again = now, sender.lines_sent, sender.resends
-        if again < RESEND_LEAST or again <= self._share * sent:
+        if again < RESEND_LEAST or again <= RESEND_SHARE * sent:
             return None
         text = f'{again} of {sent} lines were sent again within {RESEND_WINDOW:g} s'
         return Notice(WARNING, 'link', text, 'retry')

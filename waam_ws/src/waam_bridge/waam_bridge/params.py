@@ -47,16 +47,6 @@ class BridgeParams:
         256,
         65535,
     )
-    heartbeat_period: float = param(
-        0.05, 'between heartbeats, controller time and wall time', 's', 0.01, 0.2
-    )
-    tick_period: float = param(0.1, 'between lease ticks, controller time', 's', 0.02, 0.2)
-    resend_timeout: float = param(
-        0.2, 'without progress for so long the oldest line is sent again', 's', 0.02, 5.0
-    )
-    resend_warning: float = param(
-        0.05, 'share of lines sent again within 10 s that is worth a warning', '', 0.001, 1.0
-    )
     queue_size: int = param(20000, 'segments that wait in the bridge', '', 1, 1000000)
     speed_max: float = param(0.5, 'highest speed with the arc off', 'm/s', 0.001, 2.0)
     arc_speed_min: float = param(0.003, 'lowest travel speed with the arc on', 'm/s', 1e-4, 0.1)
@@ -66,14 +56,10 @@ class BridgeParams:
     voltage_min: float = param(12.0, 'lowest voltage of the source', 'V', 0.0, 100.0)
     voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
     dwell_max: float = param(600.0, 'longest dwell', 's', 0.0, 86400.0)
-    wire_jog_speed: float = param(2 / 60, 'wire speed of JOG_WIRE (2 m/min)', 'm/s', 1e-3, 0.2)
     process_timeout: float = param(
         1.0, 'factors of a process control that is silent so long are 1 again', 's', 0.1, 10.0
     )
     csv_log: str = param('', "file of the operator's CSV log; empty = none")
-    csv_rate: float = param(
-        10.0, 'rows of the CSV log per second of controller time', 'Hz', 0.1, 100
-    )
     accelerometer_axes: str = param(
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",

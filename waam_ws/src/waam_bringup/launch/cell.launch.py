@@ -18,8 +18,7 @@ from waam_process.operating import DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
 
 def _start(context):
-    names = ('port', 'rate', 'seed', 'run', 'machine', 'preset')
-    value = {k: LaunchConfiguration(k).perform(context) for k in names}
+    value = {k: LaunchConfiguration(k).perform(context) for k in ARGUMENTS}
     run = Path(value['run'])
     run.mkdir(parents=True, exist_ok=True)
     page = panel_port()
@@ -45,33 +44,19 @@ def _start(context):
     ]
 
 
+ARGUMENTS = {  # name: default, help, choices
+    'port': ('', 'controller; empty = simulated', None),
+    'rate': ('0', 'simulated s per s, 0 = no limit', None),
+    'seed': ('1', 'seed of the simulated cell', None),
+    'run': (str(run_dir()), 'sockets and state', None),
+    'machine': (GANTRY, 'what moves the torch', list(MACHINES)),
+    'preset': (DEFAULT_PRESET, 'how rough the simulated cell is', list(PRESETS)),
+}
+
+
 def generate_launch_description():
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                'port', default_value='', description='controller; empty = simulated'
-            ),
-            DeclareLaunchArgument(
-                'rate', default_value='0', description='simulated s per s, 0 = no limit'
-            ),
-            DeclareLaunchArgument(
-                'seed', default_value='1', description='seed of the simulated cell'
-            ),
-            DeclareLaunchArgument(
-                'run', default_value=str(run_dir()), description='sockets and state'
-            ),
-            DeclareLaunchArgument(
-                'machine',
-                default_value=GANTRY,
-                description='what moves the torch',
-                choices=list(MACHINES),
-            ),
-            DeclareLaunchArgument(
-                'preset',
-                default_value=DEFAULT_PRESET,
-                description='how rough the simulated cell is',
-                choices=list(PRESETS),
-            ),
-            OpaqueFunction(function=_start),
-        ]
-    )
+    declared = [
+        DeclareLaunchArgument(n, default_value=value, description=text, choices=choices)
+        for n, (value, text, choices) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_start)])

@@ -203,6 +203,7 @@ def test_an_interrupted_job_goes_on_only_with_what_was_calibrated(
     """A loss of power interrupts the job and takes the controller's settings along."""
     (tmp_path / job_folder.JOB).write_text('{}')
     monkeypatch.setattr(jobs, 'require_up', lambda run: None)
+    monkeypatch.setattr(jobs, 'run_and_domain', lambda args: (tmp_path, 0))
     monkeypatch.setattr(jobs.calibrate, 'check', lambda args: ['steps_x: the controller has 320'])
     reached = RuntimeError('the graph is asked')
 
@@ -212,5 +213,5 @@ def test_an_interrupted_job_goes_on_only_with_what_was_calibrated(
     monkeypatch.setattr(jobs, 'GraphClient', client)
     args = parse('resume', tmp_path, *(['--ignore-calibration'] if ignored else []))
     with pytest.raises((ValueError, RuntimeError)) as e:
-        jobs.resume_job(args, tmp_path, 0)
+        jobs.go_on(args)
     assert (e.value is reached) if ignored else 'steps_x: the controller has 320' in str(e.value)

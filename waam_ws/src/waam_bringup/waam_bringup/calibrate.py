@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,6 @@ from . import paths
 from .cli_common import add_run, run_and_domain
 
 if TYPE_CHECKING:  # ROS and numpy are loaded only when a verb runs
-    import numpy as np
-
     from waam_calibrate.graph import Settings
     from waam_calibrate.lead import WireRecord
     from waam_calibrate.resonance import Samples
@@ -25,9 +22,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     from waam_calibrate import cli
     from waam_calibrate.graph import Graph
 
-    cli.register(
-        commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire, rehearse)
-    )
+    cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire))
 
 
 def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:
@@ -93,13 +88,6 @@ def wire(path: Path) -> WireRecord:
         rows['controller_us'] * 1e-6, rows['wire_feed_commanded'], rows['wire_feed_speed'],
         rows['arc_established'].astype(bool),
     )  # fmt: skip
-
-
-def rehearse(what: str, seed: int) -> tuple[str, np.ndarray]:
-    """'touches' or 'profiles' of a simulated robot: the text of a file, and the tool or scanner that it has (4, 4)."""
-    references = importlib.import_module('waam_lab.robot.references')
-    made = getattr(references, what)(seed)
-    return made.text, made.truth
 
 
 def check(args: argparse.Namespace, folder: Path | None = None) -> list[str]:

@@ -11,13 +11,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from waam_process.cli_options import Verbs, add_verb
 from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 from waam_record.cli import Graph
 
 from . import audited, calibrate, cli_graph, panel
-from .cli_common import add_run, reader_is_gone, run_and_domain
+from .cli_common import add_run, late, reader_is_gone, run_and_domain
 from .cli_job import register_job
 from .paths import CELL, jobs_dir
 from .shop import places
@@ -35,18 +36,9 @@ The firmware and this software do not replace the hardware safety chain
 (emergency stop, interlocks, fume extraction, eye protection).
 """
 PACKAGES = (
-    'waam_scan',
-    'waam_train',
-    'waam_lab',
-    'waam_record',
-    'waam_replay',
-    'waam_view',
-    'waam_robot',
-    'waam_archive',
+    'waam_scan', 'waam_train', 'waam_lab', 'waam_record', 'waam_replay', 'waam_view', 'waam_robot', 'waam_archive',
     'waam_shop',
-)
-
-
+)  # fmt: skip
 TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of its own
 
 # what a package needs of another one that it must not know
@@ -93,50 +85,23 @@ def _check_robot(
     importlib.import_module('waam_lab.cli_robot_check').check_robot(plan, urdf, turning, out, files)
 
 
-def _register_demo(commands: argparse._SubParsersAction) -> None:
-    p = commands.add_parser(
-        'demo',
-        help='restore a worn part open loop and closed loop on the simulated cell, and compare',
-    )
-    p.add_argument('--seed', type=int, default=7)
-    p.add_argument(
-        '--machine',
-        choices=MACHINES,
-        default=GANTRY,
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner; then the closed loop '
-        'runs on the gantry too, and the page shows both',
-    )
-    p.add_argument('--jobs', type=Path, help='where the folder goes (default: jobs/)')
-    p.add_argument(
-        '--layers', type=int, default=0, help='at most so many layers; 0 = as many as needed'
-    )
+def _register_demo(commands: Verbs) -> None:
+    p = add_verb(
+        commands, 'demo', 'restore a worn part open loop and closed loop on the simulated cell, and compare',
+        ('--seed', 7, 'of everything random'),
+        ('--machine', GANTRY, 'what moves the torch: the gantry (default), or a six-axis arm before a positioner; then '
+         'the closed loop runs on the gantry too, and the page shows both', None, {'choices': MACHINES}),
+        ('--jobs', Path, 'where the folder goes (default: jobs/)'),
+        ('--layers', 0, 'at most so many layers; 0 = as many as needed'),
+        ('--rate', 0.0, 'simulated seconds per second at most'), *cli_graph.SIMULATED,
+        ('--fresh', False, 'start without what former demos have taught (jobs/learned), and keep nothing'),
+    )  # fmt: skip
     modes = p.add_argument(
-        '--loop-modes',
-        nargs='+',
-        default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP],
-        choices=LOOP_MODES,
+        '--loop-modes', nargs='+', default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP], choices=LOOP_MODES,
         help='one run of each (default: open_loop closed_loop)',
-    )
+    )  # fmt: skip
     keep_old_name(p, '--profiles', modes)
-    p.add_argument('--rate', type=float, default=0.0)
-    cli_graph.add_params_file(p)
-    cli_graph.add_preset(p)
-    p.add_argument(
-        '--fresh',
-        action='store_true',
-        help='start without what former demos have taught (jobs/learned), and keep nothing',
-    )
-    p.set_defaults(run_command=cmd_demo)
-
-
-# ---- commands ----------------------------------------------------------------------------------
-
-
-def cmd_demo(args: argparse.Namespace) -> int:
-    """Exit status: 0 when all jobs were done, whatever their verdict. ValueError for a missing parameter file."""
-    from .demo import run_demo
-
-    return run_demo(args, cli_graph.params_files(args))
+    p.set_defaults(run_command=late('demo', 'demo'))
 
 
 def _terminated(number: int, _frame: FrameType | None) -> None:

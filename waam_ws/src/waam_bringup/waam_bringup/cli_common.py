@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import select
 import sys
+from collections.abc import Callable
 from pathlib import Path
+
+from waam_process.cli_options import add_options
 
 
 class CellName(argparse.Action):
@@ -46,12 +50,20 @@ def reader_is_gone(error: Exception) -> bool:
 def add_run(p: argparse.ArgumentParser, *more: str) -> None:
     """Options --cell, --run and --domain, which name a graph. more: other names of --cell."""
     add_cell(p, *more)
-    p.add_argument(
-        '--run', type=Path, help='folder of the running graph (default: jobs/.run or $WAAM_RUN)'
-    )
-    p.add_argument(
-        '--domain', type=int, help='ROS_DOMAIN_ID (default: from the environment or the folder)'
-    )
+    add_options(
+        p, ('--run', Path, 'folder of the running graph (default: jobs/.run or $WAAM_RUN)'),
+        ('--domain', int, 'ROS_DOMAIN_ID (default: from the environment or the folder)'),
+    )  # fmt: skip
+
+
+def late(module: str, function: str) -> Callable[[argparse.Namespace], int]:
+    """A verb's function, whose module is loaded when it runs: --help is quick."""
+    package = __package__
+
+    def run(args: argparse.Namespace) -> int:
+        return getattr(importlib.import_module(f'{package}.{module}'), function)(args)
+
+    return run
 
 
 def run_and_domain(args: argparse.Namespace) -> tuple[Path, int]:

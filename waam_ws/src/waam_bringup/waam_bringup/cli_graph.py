@@ -1,117 +1,74 @@
-"""`waam up`, `stop` and `status`: their options, and what they do."""
+"""`waam up`, `stop`, `status` and `relay`: their options, and what they do."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from waam_process.cli_options import Options, Verbs, add_verb
 from waam_process.operating import DEFAULT_PRESET, GANTRY, MACHINES, PRESETS, ROBOT
 
-from . import cli_relay
-from .cli_common import add_run, run_and_domain
+from .cli_common import add_run, late, run_and_domain
 
 if TYPE_CHECKING:
     from .graph import Settings
 
+UP: Options = (
+    ('--port', '', 'serial port of a real controller; without it the cell is simulated'),
+    ('--machine', GANTRY, 'what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose '
+     'simulated cell keeps step with the wall clock', None, {'choices': MACHINES}),
+    ('--urdf', Path, 'with --machine robot: another arm, for bridge and simulated cell (waam_robot_bridge/README.md)',
+     'FILE'),
+    ('--rate', 0.0, 'simulated seconds per second at most; 0 = as fast as the nodes keep up (default), 1 = real time'),
+    ('--seed', 1, 'seed of everything random in the simulated cell'),
+    ('--machine-steps', (320.0, 320.0, 320.0), 'steps that a mm of the simulated gantry really takes (320 each, as its '
+     'controller has them at first)', ('X', 'Y', 'Z')),
+    ('--foreground', False, 'stay and print; Ctrl-C stops the graph'),
+    ('--without', [], 'leave a node out (repeatable)', 'NODE'),
+    ('--hang-timeout', 15.0, 'a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
+     'S'),
+    ('--grpc-port', 0, 'dashboard: port for rerun viewers on 127.0.0.1 (0 = off)'),
+    ('--web-port', 0, 'dashboard: port of the web viewer on 127.0.0.1 (0 = off)'),
+    ('--panel-port', 0, "port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)"),
+    ('--stop-port', 0, "port of the second way for the page's STOP (default: the one after that of the page)"),
+)  # fmt: skip
+SIMULATED: Options = (  # of every verb that starts a graph
+    ('--params-file --cell-file', [], 'ROS parameter file for all nodes (repeatable)', None,
+     {'dest': 'params_file', 'type': Path}),
+    ('--preset', DEFAULT_PRESET, f'how rough the simulated cell is (default: {DEFAULT_PRESET}); what a parameter file '
+     'says of it wins', None, {'choices': PRESETS}),
+)  # fmt: skip
+RELAY = """\
+Publishes what a cell tells on another ROS domain, under the cell's name (/cell2/telemetry ...), for screens and loggers
+of a site; one-way: nothing there can command the cell."""
 
-def register(commands: argparse._SubParsersAction) -> None:
+
+def register(commands: Verbs) -> None:
     """Adds the verbs."""
-    p = commands.add_parser('up', help='start the graph and return when every node answers')
-    add_run(p, '--name')
-    _add_up(p)
+    p = add_verb(
+        commands, 'up', 'start the graph and return when every node answers', *UP, *SIMULATED
+    )
     p.set_defaults(run_command=_up)
-    p = commands.add_parser(
-        'stop', help='stop the graph; a running job is aborted with a safe end of the arc'
-    )
     add_run(p, '--name')
-    p.set_defaults(run_command=_stop)
-    p = commands.add_parser('status', help='what is up, what the machine and the job do')
-    add_run(p, '--name')
-    p.set_defaults(run_command=_status)
-    cli_relay.register(commands)
-
-
-def _add_up(p: argparse.ArgumentParser) -> None:
-    p.add_argument(
-        '--port',
-        default='',
-        help='serial port of a real controller; without it the cell is simulated',
-    )
-    p.add_argument(
-        '--machine',
-        choices=MACHINES,
-        default=GANTRY,
-        help='what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose simulated cell '
-        'keeps step with the wall clock',
-    )
-    p.add_argument(
-        '--urdf',
-        type=Path,
-        metavar='FILE',
-        help='with --machine robot: another arm, for bridge and simulated cell (waam_robot_bridge/README.md)',
-    )
-    p.add_argument(
-        '--rate',
-        type=float,
-        default=0.0,
-        help='simulated seconds per second at most; 0 = as fast as the nodes keep up (default), 1 = real time',
-    )
-    p.add_argument(
-        '--seed', type=int, default=1, help='seed of everything random in the simulated cell'
-    )
-    p.add_argument(
-        '--machine-steps', nargs=3, type=float, metavar=('X', 'Y', 'Z'), default=(320.0,) * 3,
-        help='steps that a mm of the simulated gantry really takes (320 each, as its controller has them at first)',
+    text = 'stop the graph; a running job is aborted with a safe end of the arc'
+    for name, run, told in (
+        ('stop', _stop, text), ('status', _status, 'what is up, what the machine and the job do'),
+    ):  # fmt: skip
+        p = add_verb(commands, name, told)
+        p.set_defaults(run_command=run)
+        add_run(p, '--name')
+    p = add_verb(
+        commands, 'relay', 'shows the topics of a cell to a whole site',
+        ('--to-domain', int, 'ROS_DOMAIN_ID of the site, 0 to 101', 'N', {'required': True}),
+        ('--reach', 'SUBNET', 'LOCALHOST: readers on this computer only; SUBNET: on the network, too (default)', None,
+         {'choices': ('LOCALHOST', 'SUBNET')}), description=RELAY,
     )  # fmt: skip
-    p.add_argument(
-        '--foreground', action='store_true', help='stay and print; Ctrl-C stops the graph'
-    )
-    p.add_argument(
-        '--without',
-        action='append',
-        default=[],
-        metavar='NODE',
-        help='leave a node out (repeatable)',
-    )
-    add_params_file(p)
-    add_preset(p)
-    p.add_argument('--timeout', type=float, default=60.0, help='longest wait for readiness, s')
-    p.add_argument(
-        '--hang-timeout',
-        type=float,
-        default=15.0,
-        metavar='S',
-        help='a node that hangs for so long while no job runs is started again (default 15; 0 = never)',
-    )
-    _add_up_ports(p)
-
-
-def add_params_file(p: argparse.ArgumentParser) -> None:
-    """Option --params-file, for `params_files`."""
-    p.add_argument(
-        '--params-file',
-        '--cell-file',
-        dest='params_file',
-        action='append',
-        default=[],
-        type=Path,
-        help='ROS parameter file for all nodes (repeatable)',
-    )
-
-
-def add_preset(p: argparse.ArgumentParser) -> None:
-    """Option --preset."""
-    p.add_argument(
-        '--preset',
-        choices=PRESETS,
-        default=DEFAULT_PRESET,
-        help=f'how rough the simulated cell is (default: {DEFAULT_PRESET}); what a parameter file says of it wins',
-    )
+    p.set_defaults(run_command=late('node_relay', 'run'))
+    add_run(p, '--name')
 
 
 def params_files(args: argparse.Namespace) -> tuple[Path, ...]:
@@ -121,22 +78,6 @@ def params_files(args: argparse.Namespace) -> tuple[Path, ...]:
         if not file.exists():
             raise ValueError(f'--params-file {file}: no such file')
     return files
-
-
-def _add_up_ports(p: argparse.ArgumentParser) -> None:
-    for name, text in (
-        ('grpc', 'dashboard: port for rerun viewers on 127.0.0.1 (0 = off)'),
-        ('web', 'dashboard: port of the web viewer on 127.0.0.1 (0 = off)'),
-        (
-            'panel',
-            "port of the operator's page on 127.0.0.1 (default 8600, any other one when that is taken)",
-        ),
-        (
-            'stop',
-            "port of the second way for the page's STOP (default: the one after that of the page)",
-        ),
-    ):
-        p.add_argument(f'--{name}-port', type=int, default=0, help=text)
 
 
 def settings_of(args: argparse.Namespace, run: Path) -> Settings:
@@ -174,10 +115,7 @@ def _up(args: argparse.Namespace) -> int:
     settings = settings_of(args, run)
     if args.foreground:
         return supervisor.run(settings, domain)
-    passed = [*sys.argv[2:], '--run', str(run), '--domain', str(domain)]
-    passed += ['--grpc-port', str(settings.grpc_port), '--panel-port', str(settings.panel_port)]
-    passed += ['--stop-port', str(settings.stop_port)]
-    state = up(settings, domain, args.timeout, passed)
+    state = up(settings, domain)
     kind = f'simulated cell ({state.preset})' if state.simulated else f'controller on {state.port}'
     print(
         f'up: {len(state.nodes)} processes, {kind}, ROS_DOMAIN_ID={state.domain}, logs in {run}/logs'

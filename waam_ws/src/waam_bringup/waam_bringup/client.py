@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable
@@ -28,6 +27,7 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_msgs.srv import LoadPart
+from waam_node.override import in_force
 from waam_node.qos import BEAT, LATCHED, NEWEST, TELEMETRY
 
 MATCHING_S = 0.8  # a server that has not yet found a new client's reader loses the answer
@@ -190,17 +190,8 @@ class GraphClient:
 
         def taken() -> bool:
             del seen[:-1], control[:-1]
-            if not seen:
-                return False
-            t, slack, by_speed, by_wire = seen[-1], 1e-3, 1.0, 1.0
-            if control:
-                c, slack = control[-1], 0.02  # its factors go on changing
-                by_speed, by_wire = c.speed_factor, c.wire_factor
-                heard = [(speed, c.operator_speed_factor), (wire, c.operator_wire_factor)]
-                if any(abs(a - b) > 1e-6 for a, b in heard if not math.isnan(a)):
-                    return False
-            pairs = [(speed, by_speed, t.speed_override), (wire, by_wire, t.wire_override)]
-            return all(math.isnan(a) or abs(a * by - b) < slack for a, by, b in pairs)
+            last = control[-1] if control else None
+            return bool(seen) and in_force(seen[-1], last, speed, wire)
 
         def matched() -> bool:
             readers = self.node.get_subscriptions_info_by_topic(publisher.topic_name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 import time
@@ -20,8 +19,10 @@ from waam_msgs.action import RunJob
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
+from waam_process.operating import GANTRY, ROBOT
 
+from .cli_graph import params_files
+from .cli_job import add_run_options
 from .client import ClientError, GraphClient
 from .graph import Settings
 from .jobs import make_goal
@@ -32,6 +33,11 @@ from .progress import JobProgress
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
 # simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
 ROBOT_RATE = 10.0
+
+
+def demo(args: argparse.Namespace) -> int:
+    """Exit status: 0 when all jobs were done, whatever their verdict. ValueError for a missing parameter file."""
+    return run_demo(args, params_files(args))
 
 
 def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> int:
@@ -97,36 +103,14 @@ def _one(
 ) -> Path:
     parts = share('waam_bringup') / 'parts'
     client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
-    goal = make_goal(
-        argparse.Namespace(
-            name=name or loop_mode,
-            part=parts / PART,
-            mode='restore',
-            material=DEFAULT_MATERIAL,
-            loop_mode=loop_mode,
-            layers=args.layers,
-            layer_height=0.0,
-            bead_width=0.0,
-            k_gain=math.nan,
-            tolerance=0.2,
-            scale=1e-3,
-            note=[
-                f'seed={args.seed}',
-                f'preset={args.preset}',
-                'wire_lot=simulated',
-                'gas=simulated',
-            ],
-            strategy='',
-            set=[],
-            allowance=0.0,
-            passes=1,
-            wire_left=0.0,
-            operator='waam demo',
-            fresh=args.fresh,
-        ),
-        folder,
-        folder.parent / job_folder.LEARNED_DIR,
-    )
+    words = [
+        str(parts / PART), '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
+        '--layers', str(args.layers), '--operator', 'waam demo', '--wire-lot', 'simulated', '--gas', 'simulated',
+        '--note', f'seed={args.seed}', '--note', f'preset={args.preset}', *(['--fresh'] if args.fresh else []),
+    ]  # fmt: skip
+    options = argparse.ArgumentParser()
+    add_run_options(options)
+    goal = make_goal(options.parse_args(words), folder, folder.parent / job_folder.LEARNED_DIR)
     with JobProgress((name or loop_mode).replace('_', ' ')) as progress:
         result = client.run_job(goal, progress, graph_watch(run))
     if not result.job_dir:

@@ -129,26 +129,12 @@ def executable(package: str, name: str) -> Path:
 def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     """Replaces ${name} in a value; a string that is only ${name} keeps the type of the setting."""
     known = {
-        'run': str(settings.run),
-        'port': settings.port or str(settings.run / 'controller'),
-        'rate': settings.rate,
-        'pace': settings.pace,
-        'seed': settings.seed,
-        'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
-        'epoch_us': settings.epoch_us,
-        'grpc_port': settings.grpc_port,
-        'web_port': settings.web_port,
-        'panel_port': settings.panel_port,
-        'stop_port': settings.stop_port,
-        'panel_access': panel_access(settings),
-        'jobs': str(jobs_dir()),
-        'shop': str(shop_dir()),
-        'calibrations': str(calibrations_dir()),
-        'cell': cell_name(),
-        'named_cell': '' if cell_name() == FIRST else cell_name(),
-        'parts': str(share('waam_bringup') / 'parts'),
-        'lease_nodes': lease_nodes,
-    }
+        **vars(settings), 'run': str(settings.run), 'port': settings.port or str(settings.run / 'controller'),
+        'pace': settings.pace, 'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
+        'panel_access': panel_access(settings), 'jobs': str(jobs_dir()), 'shop': str(shop_dir()),
+        'calibrations': str(calibrations_dir()), 'cell': cell_name(), 'lease_nodes': lease_nodes,
+        'named_cell': '' if cell_name() == FIRST else cell_name(), 'parts': str(share('waam_bringup') / 'parts'),
+    }  # fmt: skip
     if isinstance(value, list):
         return [fill(v, settings, lease_nodes) for v in value]
     if not isinstance(value, str):

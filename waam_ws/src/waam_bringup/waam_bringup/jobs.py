@@ -1,4 +1,4 @@
-"""waam job run: from the command line to the goal, and from the result to a message and an exit status."""
+"""The verbs of `waam job`: from the command line to the goal, and from the result to a message and an exit status."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from waam_node import job_folder
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR, build_plate
 
 from . import calibrate
+from .cli_common import run_and_domain
 from .client import ClientError, GraphClient
 from .operate import ended, graph_watch, require_up
 from .paths import jobs_dir
@@ -105,8 +106,9 @@ def check_calibration(args: argparse.Namespace) -> None:
         raise ValueError(f'{"; ".join(reasons)} (waam calibrate status; --ignore-calibration)')
 
 
-def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
+def run_job(args: argparse.Namespace) -> int:
     """0 done, 1 failed, 2 refused, 130 cancelled."""
+    run, domain = run_and_domain(args)
     checked = check_arguments(args)
     state = require_up(run)
     jobs = (args.jobs or jobs_dir()).resolve()
@@ -119,52 +121,77 @@ def run_job(args: argparse.Namespace, run: Path, domain: int) -> int:
             )
         goal = make_goal(args, jobs)
         goal.notes = [*goal.notes, *cell_notes(state)]
-        with JobProgress(args.part.stem) as progress:
-            result = client.run_job(goal, progress, graph_watch(run))
-    return report_result(result, ended(run))
+        return _follow(client, goal, args.part.stem, run)
 
 
-def resume_job(args: argparse.Namespace, run: Path, domain: int) -> int:
-    """Resumes an interrupted job on the part that is on the table. Exit status as of `run_job`."""
+def go_on(args: argparse.Namespace) -> int:
+    """Goes on with a paused job; otherwise, or with a folder, resumes an interrupted one on the part that is on the
+    table. Exit status as of `run_job`."""
+    run, domain = run_and_domain(args)
     require_up(run)
+    if args.folder is None:
+        with GraphClient(domain) as client:
+            if client.resume():
+                print('resume: accepted')
+                return 0
     folder = (args.folder or jobs_dir() / job_folder.LATEST).resolve()
     if not (folder / job_folder.JOB).is_file():
         raise ValueError(f'{folder} is no job folder (there is no {job_folder.JOB} in it)')
     check_calibration(args)  # a loss of power takes the controller's settings along
     goal = RunJob.Goal(
-        resume_dir=str(folder),
-        notes=notes_of(args),
-        operator_name=args.operator,
-        wire_left=args.wire_left,
-    )
+        resume_dir=str(folder), notes=notes_of(args), operator_name=args.operator, wire_left=args.wire_left
+    )  # fmt: skip
     with GraphClient(domain) as client:
-        with JobProgress(folder.name) as progress:
-            result = client.run_job(goal, progress, graph_watch(run))
+        return _follow(client, goal, folder.name, run)
+
+
+def _follow(client: GraphClient, goal: RunJob.Goal, title: str, run: Path) -> int:
+    with JobProgress(title) as progress:
+        result = client.run_job(goal, progress, graph_watch(run))
     return report_result(result, ended(run))
 
 
-def adjust_job(code: str, value: float, domain: int) -> None:
-    """A request of the operator to the running job; ClientError when it is refused."""
-    request = AdjustJob.Request(code=getattr(AdjustJob.Request, code), value=float(value))
+def switch(args: argparse.Namespace) -> int:
+    """Pause or abort (`args.verb`). ClientError when the job sequencer refuses."""
+    run, domain = run_and_domain(args)
+    require_up(run)
+    with GraphClient(domain) as client:
+        client.trigger(f'job_sequencer/{args.verb}')
+    print(f'{args.verb}: accepted')
+    return 0
+
+
+def adjust(args: argparse.Namespace) -> int:
+    """Gain, rescan or skip of the running job. ClientError when it is refused."""
+    run, domain = run_and_domain(args)
+    require_up(run)
+    request = AdjustJob.Request(code=getattr(AdjustJob.Request, args.code), value=float(args.value))
     with GraphClient(domain) as client:
         # not repeated: a second SKIP_LAYER would leave another layer out
         response = client.call(AdjustJob, 'job_sequencer/adjust', request, repeat=False)
     if not response.success:
         raise ClientError(response.message)
+    print('accepted; in force from the next layer on')
+    return 0
 
 
-def override(speed: float, wire: float, domain: int) -> tuple[float, float]:
-    """Factors of travel speed and wire feed (NaN = as it is). Returns those that the controller then reports."""
+def feed(args: argparse.Namespace) -> int:
+    """Overrides travel speed and wire feed at once; prints the factors that the controller then reports."""
+    run, domain = run_and_domain(args)
+    require_up(run)
     for name, value, (low, high) in (
-        ('speed', speed, SPEED_FACTOR),
-        ('wire', wire, WIRE_FACTOR),
+        ('speed', args.speed, SPEED_FACTOR),
+        ('wire', args.wire, WIRE_FACTOR),
     ):
         if not (math.isnan(value) or low <= value <= high):
             raise ValueError(f'--{name} {value:g} must be {low:g} to {high:g}')
-    if math.isnan(speed) and math.isnan(wire):
+    if math.isnan(args.speed) and math.isnan(args.wire):
         raise ValueError('say what is to change: --speed FACTOR, --wire FACTOR')
     with GraphClient(domain) as client:
-        return client.override(speed, wire, os.environ.get('USER') or 'command line')
+        who = os.environ.get('USER') or 'command line'
+        speed, wire = client.override(args.speed, args.wire, who)
+    print(f'in force: travel speed x {speed:g}, wire feed x {wire:g}')
+    return 0
 
 
 def place_part(client: GraphClient, args: argparse.Namespace, checked: Checked) -> None:

@@ -7,6 +7,7 @@ service, so nobody there can command a cell.
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,10 @@ from rclpy.qos import QoSProfile
 
 from waam_msgs.msg import Anomaly, JobStatus, LayerReport, MachineState, Telemetry
 from waam_node.qos import EVENTS, LATCHED, TELEMETRY
+
+from .cli_common import run_and_domain
+from .operate import require_up
+from .paths import cell_name
 
 RANGE, PROFILES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'FASTRTPS_DEFAULT_PROFILES_FILE'
 TOPICS: dict[str, tuple[Any, QoSProfile]] = {
@@ -75,3 +80,20 @@ def relay(
                 executor.spin_once(timeout_sec=0.2)
         finally:
             executor.shutdown()
+
+
+def run(args: argparse.Namespace) -> int:
+    """`waam relay`: until Ctrl-C. ValueError; ClientError when no graph is up."""
+    site = args.to_domain
+    if not 0 <= site <= 101:
+        raise ValueError(f'--to-domain {site}, must be 0 to 101')
+    folder, domain = run_and_domain(args)
+    if domain == site:
+        raise ValueError(
+            f'--to-domain {site} is that of the cell itself; cells of one site must not hear one another'
+        )
+    require_up(folder)
+    names = ', '.join(f'/{cell_name()}/{t.lstrip("/")}' for t in TOPICS)
+    said = f'ROS_DOMAIN_ID={site} ({args.reach}): {names}; Ctrl-C ends it'
+    relay(cell_name(), domain, site, args.reach, lambda: print(said, flush=True))
+    return 0

@@ -59,9 +59,7 @@ def default_domain(run: Path) -> int:
     return 1 + sum(str(run).encode()) % 99
 
 
-def up(
-    settings: Settings, domain: int, timeout: float = 60.0, supervisor_args: list[str] | None = None
-) -> RunState:
+def up(settings: Settings, domain: int, timeout: float = 60.0) -> RunState:
     """Starts a graph in the background; returns when every node answers, else stops it and raises ClientError."""
     state = run_state.load(settings.run)
     if state and state.alive:
@@ -72,20 +70,11 @@ def up(
     with run_state.held(settings.run):  # nobody else has begun in this moment
         log_file.write_text('')
     with open(log_file, 'a') as log:
+        command = [sys.executable, '-m', 'waam_bringup.cli', 'up', '--foreground']
         supervisor = subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'waam_bringup.cli',
-                'up',
-                '--foreground',
-                *(supervisor_args or []),
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
+            [*command, *arguments(settings, domain)],
+            stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+        )  # fmt: skip
     try:
         with GraphClient(domain) as client:
             # a robot's driver begins after its bridge
@@ -195,12 +184,12 @@ def graph_watch(run: Path) -> Callable[[], str]:
 
 def arguments(settings: Settings, domain: int) -> list[str]:
     """Of `waam up`, for a graph with these settings."""
-    args = ['--run', str(settings.run), '--domain', str(domain), '--seed', str(settings.seed)]
-    args += ['--rate', str(settings.rate), '--grpc-port', str(settings.grpc_port)]
-    args += ['--web-port', str(settings.web_port), '--hang-timeout', str(settings.hang_timeout)]
+    same = ('seed', 'rate', 'grpc_port', 'web_port', 'hang_timeout', 'machine', 'port', 'preset')
+    args = ['--run', str(settings.run), '--domain', str(domain)]
+    for name in same:
+        args += [f'--{name.replace("_", "-")}', str(getattr(settings, name))]
     args += ['--panel-port', str(settings.panel_port or free_port())]
     args += ['--stop-port', str(settings.stop_port)] if settings.stop_port else []
-    args += ['--machine', settings.machine, '--port', settings.port, '--preset', settings.preset]
     args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
     for name in settings.without:
         args += ['--without', name]
@@ -214,7 +203,7 @@ def graph(
     settings: Settings, domain: int, timeout: float = 60.0
 ) -> Iterator[tuple[RunState, GraphClient]]:
     """A graph for the length of the block."""
-    state = up(settings, domain, timeout, arguments(settings, domain))
+    state = up(settings, domain, timeout)
     try:
         with GraphClient(domain) as client:
             yield state, client

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from waam_node.stop_socket import NAME
+from waam_process.cli_options import Verbs, add_verb
 
 from .cli_common import add_cell
 from .run_state import RunState
@@ -27,29 +28,20 @@ The page is served on this machine only unless --bind says otherwise; then it ne
 certificate: that of your site, or one of your own (docs/cells.md). With --token-file it asks for tokens here, too."""
 
 
-def register(commands: argparse._SubParsersAction) -> None:
+def register(commands: Verbs) -> None:
     """Adds the verb `panel`."""
-    p = commands.add_parser(
-        'panel', help="the operator's page: where it is, or serve one",
-        epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+    p = add_verb(
+        commands, 'panel', "the operator's page: where it is, or serve one",
+        ('--run', Path, 'folder of the running graph (default: jobs/.run)'),
+        ('--open', False, 'open the page in the browser'), ('--port', 0, 'serve one here, until Ctrl-C'),
+        ('--bind', '127.0.0.1', 'address to listen on (default 127.0.0.1)'),
+        ('--token-file', Path, 'file of tokens (default: none on this machine, that of waam token create for any other '
+         '--bind)'),
+        ('--tls-cert', Path, 'certificate with its chain, PEM; needed for any other --bind'),
+        ('--tls-key', Path, 'its key, PEM, readable by you only'),
+        ('--host', [], 'name of this machine in the address'), epilog=_EXAMPLES,
     )  # fmt: skip
     add_cell(p, '--name')
-    p.add_argument('--run', type=Path, help='folder of the running graph (default: jobs/.run)')
-    p.add_argument('--open', action='store_true', help='open the page in the browser')
-    p.add_argument('--port', type=int, default=0, help='serve one here, until Ctrl-C')
-    p.add_argument('--bind', default='127.0.0.1', help='address to listen on (default 127.0.0.1)')
-    p.add_argument(
-        '--token-file',
-        type=Path,
-        help='file of tokens (default: none on this machine, that of waam token create for any other --bind)',
-    )
-    p.add_argument(
-        '--tls-cert', type=Path, help='certificate with its chain, PEM; needed for any other --bind'
-    )
-    p.add_argument('--tls-key', type=Path, help='its key, PEM, readable by you only')
-    p.add_argument(
-        '--host', action='append', default=[], help='name of this machine in the address'
-    )
     p.set_defaults(run_command=_panel)
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from . import run_state
 from .client import GraphClient
 from .graph import Settings
-from .operate import arguments, stop, up
+from .operate import stop, up
 
 
 @contextmanager
@@ -19,7 +19,7 @@ def power_on(
     settings: Settings, domain: int, timeout: float = 90.0
 ) -> Iterator[tuple[GraphClient, list[int]]]:
     """A graph that may be killed inside the block. Yields a client and the pids, the supervisor's first."""
-    state = up(settings, domain, timeout, arguments(settings, domain))
+    state = up(settings, domain, timeout)
     try:
         with GraphClient(domain) as client:
             yield client, [state.supervisor, *(n.pid for n in state.nodes.values())]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 import pytest
 from test_lead import made_up
 
-from waam_calibrate import cli, store
+from waam_calibrate import cli
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.graph import Graph
 from waam_calibrate.lead import WireRecord
-from waam_calibrate.regulator import Plant, experiment
 
 WIRE = 'wire --counts-per-turn 4096 --length 500 500 500 --counted 18624 18619 18630 --controller'
 
@@ -53,20 +50,16 @@ def waam(tmp_path: Path, told, record):
     return run
 
 
-def test_wire_lead_and_arc_are_kept_shown_and_told(waam, told, tmp_path, capsys) -> None:
-    swing = experiment(Plant(1.0, 0.05, 0.01))
-    columns = np.c_[swing.time, swing.output, swing.voltage]
-    np.savetxt(tmp_path / 'relay.csv', columns, delimiter=',', header='time,output,voltage')
+def test_wire_and_lead_are_kept_shown_and_told(waam, told, tmp_path, capsys) -> None:
     assert waam(f'{WIRE} 37.25') == 0
     assert waam('lead --record somewhere --reading 0') == 0
-    assert waam(f'arc --samples {tmp_path}/relay.csv') == 0
     assert sorted(p.name.split('_')[0] for p in (tmp_path / 'kept').glob('*.html')) == [
-        'arc', 'lead', 'wire',
+        'lead', 'wire',
     ]  # fmt: skip
     capsys.readouterr()
     assert waam('status') == 0
     said = capsys.readouterr().out
-    assert 'wire delay 50.' in said and 'counts/mm' in said and 'Ku ' in said
+    assert 'wire delay 50.' in said and 'counts/mm' in said
     assert waam('apply') == 0
     names = [name for name, _ in told]
     # the oldest result comes first, and both may be of the same second
@@ -81,13 +74,12 @@ def test_a_wheel_that_reads_wrong_stops_jobs(waam, capsys) -> None:
     assert 'a job will refuse: wire: the wire feed reads -6.9 % wrong' in capsys.readouterr().out
 
 
-def test_what_writes_no_result(waam, tmp_path, capsys) -> None:
+def test_what_writes_no_result(waam, tmp_path) -> None:
     with pytest.raises(EvidenceError, match='counts 3'):
         waam('wire --counts-per-turn 20 --length 500 500 500 --counted 91 91 91')
-    assert waam('arc --rehearse 1 0.05 0.01') == 0
     assert waam(f'lead --program {tmp_path}/steps.gcode') == 0
     assert 'M3' in (tmp_path / 'steps.gcode').read_text()
-    assert 'nothing is kept' in capsys.readouterr().out and not (tmp_path / 'kept').exists()
+    assert not (tmp_path / 'kept').exists()
 
 
 @pytest.mark.parametrize('poor', ['flat', 'noisy'])
@@ -99,18 +91,3 @@ def test_a_poor_record_of_the_wire_keeps_and_tells_nothing(waam, record, told, p
     with pytest.raises(EvidenceError, match=reason):
         waam(f'lead --record {poor}')
     assert not (tmp_path / 'kept').exists() and not told
-
-
-def test_an_arc_regulator_without_margin_stops_jobs_and_has_its_date(waam, tmp_path, capsys):
-    swing = experiment(Plant(1.0, 0.05, 0.04))
-    columns = np.c_[swing.time, swing.output, swing.voltage]
-    np.savetxt(tmp_path / 'relay.csv', columns, delimiter=',')
-    assert waam(f'arc --samples {tmp_path}/relay.csv') == 0
-    (kept,) = store.load_all(tmp_path / 'kept').results
-    assert abs(datetime.now(UTC) - kept.when).total_seconds() < 60
-    capsys.readouterr()
-    assert waam('status') == 1
-    said = capsys.readouterr().out.splitlines()
-    assert [x for x in said if x.startswith(f'arc          {kept.when:%Y-%m-%d %H:%M}  Ku ')]
-    refused = 'a job will refuse: arc: the arc regulator has a phase margin of'
-    assert [x for x in said if x.startswith(refused) and x.endswith('deg, at least 30')]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from waam_plan.read.reader import read_program
 from waam_sim.arc import ArcParams
 from waam_sim.plant import PlantParams
 
-NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 TRUE = (0.07, 0.14)
 
 
@@ -39,7 +37,7 @@ def test_calibrated_lead_lays_even_metal() -> None:
     plain = np.abs(metal_errors(before, corners, 6e-3)).max()
     led = np.abs(metal_errors(after, aside, 6e-3)).max()
     assert led < 0.03 < 0.08 < plain
-    result = outcome.of_lead(found, NOW)
+    result = outcome.of_lead(found)
     assert [n for n, _ in result.settings] == ['wire_response_s', 'wire_delay_s', 'wire_lag_s']
     assert not result.refuses and pictures.wire_steps(found).startswith(b'\x89PNG')
 
@@ -111,7 +109,7 @@ def test_poor_records_are_refused_with_the_reason() -> None:
 
 
 def test_a_wire_that_is_too_late_is_refused_by_jobs() -> None:
-    result = outcome.of_lead(identify(made_up(0.3, 0.1)), NOW)
+    result = outcome.of_lead(identify(made_up(0.3, 0.1)))
     assert 'the controller leads at most' in result.refuses
     assert dict(result.settings)['wire_delay_s'] == 0.25
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_calibrate import measures, outcome, report, results, store
+from waam_calibrate import measures, report, results, store
 from waam_calibrate.evidence import EvidenceError
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -19,10 +19,10 @@ NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 @settings(max_examples=30, deadline=None)
 def test_steps_do_not_see_the_play(scale, play) -> None:
     commanded = [50.0, 120.0, 200.0, 280.0]
-    found = measures.steps(commanded, [scale * c + play for c in commanded], 320.0)
-    assert found.scale == pytest.approx(scale, abs=1e-9)
-    assert found.offset == pytest.approx(play, abs=1e-6)
-    assert found.steps_per_mm == pytest.approx(320.0 / scale, rel=1e-9)
+    found = measures.steps('x', commanded, [scale * c + play for c in commanded], 320.0).values
+    assert found['scale'] == pytest.approx(scale, abs=1e-9)
+    assert found['offset_mm'] == pytest.approx(play, abs=1e-6)
+    assert found['steps_per_mm'] == pytest.approx(320.0 / scale, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_steps_do_not_see_the_play(scale, play) -> None:
 )
 def test_steps_refuse(commanded, measured, text) -> None:
     with pytest.raises(EvidenceError, match=text):
-        measures.steps(commanded, measured, 320.0)
+        measures.steps('x', commanded, measured, 320.0)
 
 
 @given(st.floats(-3.0, 3.0), st.floats(80.0, 300.0), st.floats(80.0, 300.0))
@@ -48,10 +48,11 @@ def test_skew_of_a_frame(angle, x, y) -> None:
     lean = math.radians(angle)
     top = (y * math.sin(lean), y * math.cos(lean))
     rising, falling = math.hypot(x + top[0], top[1]), math.hypot(top[0] - x, top[1])
-    found = measures.skew(x, rising, falling, gauge=0.005)
-    assert found.y_to_x == pytest.approx(angle, abs=1e-6)
-    assert found.side_y == pytest.approx(y, rel=1e-9)
-    assert measures.skew(x, rising, falling, y, 0.005).y_to_x == pytest.approx(angle, abs=1e-6)
+    found = measures.skew(x, rising, falling, gauge=0.005).values
+    assert found['y_to_x_deg'] == pytest.approx(angle, abs=1e-6)
+    assert found['side_y_mm'] == pytest.approx(y, rel=1e-9)
+    given = measures.skew(x, rising, falling, y, 0.005).values
+    assert given['y_to_x_deg'] == pytest.approx(angle, abs=1e-6)
 
 
 def test_skew_refuses() -> None:
@@ -71,9 +72,9 @@ def test_skew_refuses() -> None:
 def test_tool_point_of_the_source() -> None:
     """delta = t / sin(phi), limit D / (4 sin(phi))."""
     found = measures.tool_point([0.1, 0.12, 0.11], 30.0, 1.2)
-    assert found.offset == pytest.approx(0.22) and found.limit == pytest.approx(0.6)
-    assert found.within
-    assert not measures.tool_point([0.4, 0.41, 0.39], 30.0, 1.2).within
+    assert found.values == pytest.approx({'offset_mm': 0.22, 'limit_mm': 0.6})
+    assert not found.refuses
+    assert measures.tool_point([0.4, 0.41, 0.39], 30.0, 1.2).refuses
     for widths, slope, wire in (
         ([0.1, 0.1], 30.0, 1.2),
         ([0.1] * 3, 2.0, 1.2),
@@ -86,7 +87,7 @@ def test_tool_point_of_the_source() -> None:
 
 
 def some() -> results.Result:
-    return outcome.of_steps(measures.steps([100.0] * 3, [101.0] * 3, 320.0), 'x', 3, NOW)
+    return measures.steps('x', [100.0] * 3, [101.0] * 3, 320.0).of(NOW)
 
 
 def test_a_result_on_disk(tmp_path) -> None:
@@ -113,7 +114,9 @@ def test_a_controller_tells_its_settings_by_the_names_that_set_them() -> None:
         ('shape_x_damping', 0.053),
         ('shape_x', 2.0),
     ]
-    kept = [results.Result('resonance', 'x', '2026-11-01T10:00:00+00:00', 'mode', {}, {}, found)]
+    kept = [
+        results.Result('resonance', 'x', 'mode', {}, {}, found, date='2026-11-01T10:00:00+00:00')
+    ]
     assert results.missing(kept, told) == []
     (lacks,) = results.missing(kept, results.told_by('shape=none,none wire_lag_s=0.065'))
     assert lacks.startswith('resonance_x: shape_x is 0 in the controller, 2 was found')
@@ -122,9 +125,7 @@ def test_a_controller_tells_its_settings_by_the_names_that_set_them() -> None:
 
 
 def test_status_tells_what_counts_and_what_a_job_refuses() -> None:
-    true = outcome.of_steps(
-        measures.steps([100.0] * 3, [100.1] * 3, 320.0), 'x', 3, NOW + timedelta(days=1)
-    )
+    true = measures.steps('x', [100.0] * 3, [100.1] * 3, 320.0).of(NOW + timedelta(days=1))
     told = {'steps_per_mm_x': 320.0}
     refused = results.refusals([some()], [], told)
     assert refused == [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from datetime import UTC, datetime
 from functools import cache
 
 import numpy as np
@@ -40,7 +39,7 @@ def test_mode_and_shaper_of_the_simulated_axis() -> None:
     names = [name for name, _ in found.settings()]
     assert names == ['shape_x', 'shape_x_hz', 'shape_x_damping', 'shape_x']
     assert all(p.startswith(b'\x89PNG') for p in (spectra(found), measured(found)))
-    result = of_resonance(found, SWEEP, datetime.now(UTC))
+    result = of_resonance(found, SWEEP)
     assert result.values['mode_hz'] == found.mode.hz and not result.refuses
 
 
@@ -60,7 +59,7 @@ def test_the_acceleration_is_the_proposed_one_but_never_above_the_machine(
     taken = Candidate('zvd', 40.0, 0.01, 0.05, proposed)
     found = Resonance('y', *(np.ones(9),) * 3, np.ones((9, 3)), Mode(40.0, 0.05, 1.0), [taken])
     sweep = Sweep(low=5.0, rate=4.0, acceleration=1e-3 * limit)
-    result = of_resonance(found, sweep, datetime.now(UTC))
+    result = of_resonance(found, sweep)
     shaper = ['shape_y', 'shape_y_hz', 'shape_y_damping', 'shape_y']
     assert [n for n, _ in result.settings] == ['max_accel_y'] * (told is not None) + shaper
     assert dict(result.settings).get('max_accel_y') == told

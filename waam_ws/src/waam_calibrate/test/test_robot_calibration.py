@@ -146,13 +146,9 @@ def test_results_are_kept_shown_and_refuse_a_job(tmp_path: Path, capsys) -> None
     def unused(*_: object) -> None:
         raise AssertionError('no graph here')
 
-    def rehearse(what: str, seed: int) -> tuple[str, np.ndarray]:
-        made = getattr(references, what)(seed)
-        return made.text, made.truth
-
     graph = Graph(
         folder=lambda: tmp_path, add_options=lambda p: None, measure=unused, send=unused,
-        told=lambda args: None, wire=unused, rehearse=rehearse,
+        told=lambda args: None, wire=unused,
     )  # fmt: skip
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers(), graph)
@@ -161,8 +157,6 @@ def test_results_are_kept_shown_and_refuse_a_job(tmp_path: Path, capsys) -> None
         args = parser.parse_args(['calibrate', *line.split()])
         return int(args.run_command(args))
 
-    assert waam('robot-tcp --rehearse 3') == 0 and waam('hand-eye --rehearse 3') == 0
-    assert 'nothing is kept' in capsys.readouterr().out and not list(tmp_path.glob('*'))
     for what in ('touches', 'profiles'):
         (tmp_path / f'{what}.csv').write_text(getattr(references, what)(3).text)
     assert waam(f'robot-tcp --file {tmp_path}/touches.csv --told 287.9 1.0 90') == 0

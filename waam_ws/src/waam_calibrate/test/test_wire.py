@@ -85,9 +85,9 @@ def test_the_threshold_must_clear_normal_feed() -> None:
 
 def test_result_and_its_page() -> None:
     found = calibrate(WHEEL, [500.0] * 3, [18600.0] * 3, 33.0, feed=normal_feed(fed(0.01)))
-    good = outcome.of_wire(found, 37.25, 'threshold', NOW)
+    good = outcome.of_wire(found, 37.25, 'threshold').of(NOW)
     assert not good.refuses and good.settings == [('threshold', 0.9)]
-    bad = outcome.of_wire(found, 40.0, '', NOW)
+    bad = outcome.of_wire(found, 40.0, '').of(NOW)
     assert 'reads -7.0 % wrong' in bad.refuses and not bad.settings
     assert results.refusals([good]) == [] and results.refusals([bad])[0].startswith('wire: ')
     page = report.page(bad, [pictures.wire_lengths(found)])

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from .cli_common import folder, keep, verb
+from .cli_common import WANTED, folder, keep
 
 if TYPE_CHECKING:  # numpy and scipy are loaded only when a verb runs
     import numpy as np
 
-    from .cli_common import Verbs
     from .graph import Graph
-    from .results import Result
     from .robot_evidence import Robot
 
 FILES = """\
@@ -37,48 +34,30 @@ point.
 """
 
 
-def register(verbs: Verbs, graph: Graph) -> None:
-    """Adds both verbs."""
-    p = verb(verbs, 'robot-tcp', "tip of a robot's tool, from touches of a fixed point", graph)
-    p.epilog = TCP
-    _add_evidence(p, 'touches')
-    p.add_argument(
-        '--touch', type=float, default=0.1, metavar='MM', help='uncertainty of a touch (0.1)'
-    )
-    p.add_argument(
-        '--told', nargs=3, type=float, default=(290.0, 0.0, 90.0), metavar=('X', 'Y', 'Z'),
-        help='tool of the controller now, mm, frame of the flange (290 0 90)',
-    )  # fmt: skip
-    p.set_defaults(run_command=lambda args: robot_tcp(args, graph))
-    p = verb(verbs, 'hand-eye', 'scanner on the arm of a robot, from profiles of a sphere', graph)
-    p.epilog = EYE
-    _add_evidence(p, 'profiles')
-    p.add_argument('--radius', type=float, default=15.0, metavar='MM', help='of the sphere (15)')
-    p.add_argument(
-        '--noise', type=float, default=0.05, metavar='MM', help='uncertainty of a point (0.05)'
-    )
-    p.add_argument(
-        '--mounted', nargs=6, type=float, default=(60.0, 0.0, 120.0, 0.0, 0.0, 90.0),
-        metavar=('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
-        help='scanner on the torch as mounted, mm and degrees (60 0 120 0 0 90): where the search begins',
-    )  # fmt: skip
-    p.set_defaults(run_command=lambda args: hand_eye(args, graph))
+FILE = ('--file', Path, 'lines of numbers, see below', None, WANTED)
+ROBOT = (
+    ('--zero', 'dh', 'where J2 is 0', None, {'choices': ('dh', 'vertical')}),
+    ('--coupled', False, 'J3 is that of the forearm against the base'),
+    ('--accuracy', (0.2, 0.02), 'of a pose of the flange, where the file has no joints (0.2 0.02)', ('MM', 'DEG')),
+)  # fmt: skip
 
 
-def _add_evidence(p: argparse.ArgumentParser, what: str) -> None:
-    given = p.add_mutually_exclusive_group(required=True)
-    given.add_argument('--file', type=Path, help=f'the {what}: lines of numbers, see below')
-    given.add_argument(
-        '--rehearse', type=int, metavar='SEED',
-        help='on a simulated robot with the stated errors; nothing is kept',
+def register(add: Callable[..., Any]) -> None:
+    """Adds both verbs; add: as of `cli.register`."""
+    axes = ('X', 'Y', 'Z')
+    add(
+        'robot-tcp', robot_tcp, "tip of a robot's tool, from touches of a fixed point",
+        ('--touch', 0.1, 'uncertainty of a touch (0.1)', 'MM'),
+        ('--told', (290.0, 0.0, 90.0), 'tool of the controller now, mm, frame of the flange (290 0 90)', axes),
+        FILE, *ROBOT, epilog=TCP,
     )  # fmt: skip
-    p.add_argument('--zero', choices=('dh', 'vertical'), default='dh', help='where J2 is 0')
-    p.add_argument(
-        '--coupled', action='store_true', help='J3 is that of the forearm against the base'
-    )
-    p.add_argument(
-        '--accuracy', nargs=2, type=float, default=(0.2, 0.02), metavar=('MM', 'DEG'),
-        help='of a pose of the flange, where the file has no joints (0.2 0.02)',
+    add(
+        'hand-eye', hand_eye, 'scanner on the arm of a robot, from profiles of a sphere',
+        ('--radius', 15.0, 'of the sphere (15)', 'MM'), ('--noise', 0.05, 'uncertainty of a point (0.05)', 'MM'),
+        ('--mounted', (60.0, 0.0, 120.0, 0.0, 0.0, 90.0),
+         'scanner on the torch as mounted, mm and degrees (60 0 120 0 0 90): where the search begins',
+         (*axes, 'ROLL', 'PITCH', 'YAW')),
+        FILE, *ROBOT, epilog=EYE,
     )  # fmt: skip
 
 
@@ -86,18 +65,15 @@ def robot_tcp(args: argparse.Namespace, graph: Graph) -> int:
     """Tip of the tool. EvidenceError where the touches do not tell it."""
     import numpy as np
 
-    from . import outcome_robot, pictures_robot, robot_evidence, robot_fit
+    from . import outcome, pictures_robot, robot_evidence, robot_fit
 
-    text, truth = _evidence(args, graph, 'touches')
+    text = args.file.read_text(errors='replace')
     with _of_file(args.file):
         found = robot_fit.tool(robot_evidence.touches(text, _robot(args)), args.touch * 1e-3)
     told = np.array(args.told) * 1e-3
-    result = outcome_robot.of_tool(found, told, datetime.now(UTC))
+    result = outcome.of_tool(found, told)
     notes = ['tool of the controller, mm: ' + ' '.join(f'{v * 1e3:.3f}' for v in found.tip)]
-    if truth is not None:
-        return _rehearsed(result, notes, found.tip - truth[:3, 3], found.interval)
-    keep(folder(args, graph), result, notes, [pictures_robot.touches(found)])
-    return 0
+    return keep(folder(args, graph), result, notes, [pictures_robot.touches(found)])
 
 
 def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
@@ -107,9 +83,9 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
     from waam_robot.frames import pose_from_wpr
     from waam_robot.station import Station
 
-    from . import outcome_robot, pictures_robot, robot_evidence, robot_fit
+    from . import outcome, pictures_robot, robot_evidence, robot_fit
 
-    text, truth = _evidence(args, graph, 'profiles')
+    text = args.file.read_text(errors='replace')
     station = Station()
     mounted = pose_from_wpr(np.array(args.mounted[:3]) * 1e-3, np.radians(args.mounted[3:]))
     with _of_file(args.file):
@@ -118,32 +94,29 @@ def hand_eye(args: argparse.Namespace, graph: Graph) -> int:
             seen, args.radius * 1e-3, station.on_flange(mounted), args.noise * 1e-3
         )
     on_torch = station.on_torch(found.scanner)
-    result = outcome_robot.of_hand_eye(found, on_torch, mounted, datetime.now(UTC))
-    notes = outcome_robot.scan_parameters(on_torch)
-    if truth is not None:
-        return _rehearsed(result, notes, found.scanner[:3, 3] - truth[:3, 3], found.interval[:3])
-    keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
-    return 0
+    result = outcome.of_hand_eye(found, on_torch, mounted)
+    notes = scan_parameters(on_torch)
+    return keep(folder(args, graph), result, notes, [pictures_robot.profiles(found)])
 
 
 @contextmanager
-def _of_file(file: Path | None) -> Iterator[None]:
+def _of_file(file: Path) -> Iterator[None]:
     """Poor evidence is told with the name of its file."""
     from .evidence import EvidenceError
 
     try:
         yield
     except EvidenceError as e:
-        raise EvidenceError(f'{file}: {e}' if file else str(e)) from None
+        raise EvidenceError(f'{file}: {e}') from None
 
 
-def _evidence(args: argparse.Namespace, graph: Graph, what: str) -> tuple[str, np.ndarray | None]:
-    """Text of the file; or of a rehearsal, with the truth (4, 4)."""
-    if args.rehearse is None:
-        return args.file.read_text(errors='replace'), None
-    if graph.rehearse is None:
-        raise ValueError('--rehearse needs the laboratory: call it as `waam calibrate`')
-    return graph.rehearse(what, args.rehearse)
+def scan_parameters(on_torch: np.ndarray) -> list[str]:
+    """Parameters of scan_fusion for the scanner (4, 4) on the torch."""
+    from waam_robot.frames import wpr
+
+    xyz = ', '.join(f'{v:.6f}' for v in on_torch[:3, 3])
+    rpy = ', '.join(f'{v:.6f}' for v in wpr(on_torch))
+    return [f'scan_fusion: mount_xyz: [{xyz}], mount_rpy: [{rpy}]']
 
 
 def _robot(args: argparse.Namespace) -> Robot:
@@ -158,11 +131,3 @@ def _robot(args: argparse.Namespace) -> Robot:
         raise ValueError('--accuracy: wanted two positive numbers')
     counting = Counting(args.zero, args.coupled)
     return Robot(counting, position=position * 1e-3, angle=math.radians(angle))
-
-
-def _rehearsed(result: Result, notes: list[str], off: np.ndarray, interval: np.ndarray) -> int:
-    lines = [result.text, *notes, 'against the truth of the simulated robot:']
-    for axis, miss, half in zip('xyz', off * 1e3, interval * 1e3, strict=True):
-        lines.append(f'  {axis} off by {miss:+.3f} mm, 95 % interval +-{half:.3f} mm')
-    print('\n'.join([*lines, 'a rehearsal: nothing is kept']))
-    return 0

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # the command line loads this at every call; numpy it does not need
-    import numpy as np
-
     from waam_process.segment import Point
 
     from .lead import WireRecord
@@ -25,8 +23,7 @@ class Graph:
     """folder: of the results when none is given. add_options: those that name a graph. measure: shakes an axis at a
     place (m, work frame; None = where the torch is). send: settings of the controller; returns what it said last.
     told: the settings that it has, by name; None = no graph is up, or it has none.
-    wire: telemetry of a recording (job folder, folder or file). rehearse: 'touches' or 'profiles' of a simulated
-    robot by its seed, the text of a file and what it should show (4, 4)."""
+    wire: telemetry of a recording (job folder, folder or file)."""
 
     folder: Callable[[], Path]
     add_options: Callable[[argparse.ArgumentParser], None]
@@ -34,4 +31,3 @@ class Graph:
     send: Callable[[argparse.Namespace, Settings], str]
     told: Callable[[argparse.Namespace], dict[str, float] | None]
     wire: Callable[[Path], WireRecord]
-    rehearse: Callable[[str, int], tuple[str, np.ndarray]] | None = None

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from waam_plan.post.skew import SkewError, angles_from_diagonals
 
 from .evidence import EvidenceError
+from .results import STEPS, Result
 
 LEAST_MEASURED = 3  # measurements of one thing
 SHORTEST = 50.0  # mm of travel, or of the longest side of a frame
@@ -23,41 +23,7 @@ SKEW_SURE = 0.03  # deg, standard uncertainty
 SIDES = (0.2, 5.0)  # ratio of the sides of a frame
 SLOPES = (5.0, 85.0)  # deg
 TCP_SURE = 0.5  # standard uncertainty over the limit
-
-
-@dataclass(frozen=True)
-class Steps:
-    """scale: real over commanded length; offset: play and zero of the gauge, mm; sigma: standard uncertainty of the
-    scale; steps_per_mm: what the controller should have."""
-
-    scale: float
-    offset: float
-    sigma: float
-    steps_per_mm: float
-
-
-@dataclass(frozen=True)
-class Skew:
-    """y_to_x: by how much the y axis leans towards +x, deg, with its standard uncertainty; side_y: mm, measured or
-    from the other three."""
-
-    y_to_x: float
-    sigma: float
-    side_y: float
-
-
-@dataclass(frozen=True)
-class ToolPoint:
-    """offset: distance of the wire tip from the tool centre point, mm; limit: how far it may be off, mm."""
-
-    offset: float
-    sigma: float
-    limit: float
-
-    @property
-    def within(self) -> bool:
-        """Whether the tool centre point can stay as it is."""
-        return self.offset <= self.limit
+LARGEST_SKEW = 0.25  # deg, that a job may run with
 
 
 def _numbers(name: str, values: Sequence[float], least: int) -> np.ndarray:
@@ -70,9 +36,13 @@ def _numbers(name: str, values: Sequence[float], least: int) -> np.ndarray:
     return found
 
 
-def steps(commanded: Sequence[float], measured: Sequence[float], steps_per_mm: float) -> Steps:
-    """commanded, measured (n,) mm: travels of one axis, always in the same direction. With more than one length, play
-    and zero of the gauge cancel out; steps_per_mm: of the controller now."""
+def steps(
+    axis: str, commanded: Sequence[float], measured: Sequence[float], steps_per_mm: float
+) -> Result:
+    """The scale of an axis (real over commanded length), and the steps per mm that the controller should have.
+
+    commanded, measured (n,) mm: travels, always in the same direction. With more than one length, play and zero of the
+    gauge cancel out (`offset_mm`); steps_per_mm: of the controller now."""
     x = _numbers('commanded', commanded, LEAST_MEASURED)
     y = _numbers('measured', measured, LEAST_MEASURED)
     if len(x) != len(y):
@@ -99,13 +69,19 @@ def steps(commanded: Sequence[float], measured: Sequence[float], steps_per_mm: f
         raise EvidenceError(
             f'{text}, at most {100 * SCALE_SURE:g} %: a longer travel, or measure again'
         )
-    return Steps(scale, float(found[1]) if several else 0.0, sigma, steps_per_mm / scale)
+    new = steps_per_mm / scale
+    values = {'scale': scale, 'steps_per_mm': new, 'offset_mm': float(found[1]) if several else 0.0}
+    evidence = {'standard_uncertainty': sigma, 'lengths': float(len(x))}
+    text = f'{new:.3f} steps/mm ({100 * (scale - 1):+.3f} % +- {100 * sigma:.3f} %)'
+    return Result('steps', axis, text, values, evidence, [(STEPS + axis, round(new, 3))])
 
 
 def skew(
     side_x: float, rising: float, falling: float, side_y: float | None = None, gauge: float = 0.05
-) -> Skew:
-    """A frame that the machine drew or milled: the side along x and both diagonals, mm; `rising` from the corner at the
+) -> Result:
+    """By how much the y axis leans towards +x, deg: the angle that `waam correct --y-to-x` wants.
+
+    A frame that the machine drew or milled: the side along x and both diagonals, mm; `rising` from the corner at the
     origin. The side along y follows (2 x^2 + 2 y^2 = rising^2 + falling^2), or is given and checked. gauge: standard
     uncertainty of a length."""
     lengths = [side_x, rising, falling] + ([] if side_y is None else [side_y])
@@ -132,11 +108,19 @@ def skew(
     if sigma > SKEW_SURE:
         text = f'a gauge of {gauge:g} mm tells this frame to {sigma:.3f} deg, {SKEW_SURE:g} deg are needed'
         raise EvidenceError(f'{text}: a larger frame or a better gauge')
-    return Skew(math.degrees(angle), sigma, y)
+    leans = math.degrees(angle)
+    refuses = ''
+    if abs(leans) > LARGEST_SKEW:
+        refuses = f'y leans {leans:+.3f} deg to x, at most {LARGEST_SKEW:g} deg'
+    text = f'y leans {leans:+.4f} +- {sigma:.4f} deg to x'
+    values = {'y_to_x_deg': leans, 'side_y_mm': y}
+    return Result('skew', '', text, values, {'standard_uncertainty_deg': sigma}, refuses=refuses)
 
 
-def tool_point(widths: Sequence[float], slope: float, wire: float) -> ToolPoint:
-    """Steps that a bead shows on a flank: their widths (n,) mm, slope of the flank in degrees, diameter of wire or beam
+def tool_point(widths: Sequence[float], slope: float, wire: float) -> Result:
+    """Distance of the wire tip from the tool centre point, and how far it may be off.
+
+    Steps that a bead shows on a flank: their widths (n,) mm, slope of the flank in degrees, diameter of wire or beam
     in mm. delta = t / sin(phi), at most D / (4 sin(phi))."""
     if not SLOPES[0] <= slope <= SLOPES[1]:
         raise EvidenceError(
@@ -155,4 +139,10 @@ def tool_point(widths: Sequence[float], slope: float, wire: float) -> ToolPoint:
     if sigma > TCP_SURE * limit:
         text = f'the widths scatter: {sigma:.3f} mm standard uncertainty, at most half the limit of {limit:.3f} mm'
         raise EvidenceError(f'{text}: measure again at more places')
-    return ToolPoint(offset, sigma, limit)
+    refuses = ''
+    if offset > limit:
+        refuses = f'the wire tip is {offset:.3f} mm off, limit {limit:.3f} mm'
+    text = f'wire tip {offset:.3f} +- {sigma:.3f} mm off, limit {limit:.3f} mm'
+    evidence = {'standard_uncertainty_mm': sigma, 'widths': float(len(t))}
+    values = {'offset_mm': offset, 'limit_mm': limit}
+    return Result('tcp', '', text, values, evidence, refuses=refuses)

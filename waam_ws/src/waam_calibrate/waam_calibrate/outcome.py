@@ -1,25 +1,22 @@
-"""From what was found to the result that is kept. Pure: the date is an argument."""
+"""From what was found to the result that is kept. Pure."""
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+import numpy as np
 
-from . import measures, regulator, results
+from waam_robot.frames import wpr
+
+from . import results
 from .lead import LONGEST, Lead
-from .relay import Relay
 from .resonance import Resonance
-from .results import Result
+from .results import LARGEST_TOOL, LARGEST_TURN, Result
+from .robot_fit import HandEye, Tool
 from .shapers import SMOOTHING
 from .sweep import Sweep
 from .wire import WireWheel
 
 
-def stamp(now: datetime) -> str:
-    """UTC, to the second."""
-    return now.astimezone(UTC).isoformat(timespec='seconds')
-
-
-def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
+def of_resonance(found: Resonance, sweep: Sweep) -> Result:
     """The mode, the shaper that is taken, its acceleration, and every candidate. The sweep has the acceleration of the
     machine, and the controller is told no more."""
     c, mode = found.chosen, found.mode
@@ -43,9 +40,7 @@ def of_resonance(found: Resonance, sweep: Sweep, now: datetime) -> Result:
     shaper = f'{c.type} at {c.hz:.1f} Hz leaves {100 * c.vibration:.1f} %'
     told, words = _acceleration(found.axis, c.acceleration, limit)
     text = f'mode {mode.hz:.2f} Hz, damping {mode.damping:.3f}; {shaper}; {words}'
-    return Result(
-        'resonance', found.axis, stamp(now), text, values, evidence, told + found.settings()
-    )
+    return Result('resonance', found.axis, text, values, evidence, told + found.settings())
 
 
 def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[str, float]], str]:
@@ -59,45 +54,7 @@ def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[
     return [(results.ACCEL + axis, told)], words
 
 
-def of_steps(found: measures.Steps, axis: str, lengths: int, now: datetime) -> Result:
-    """The scale, and the steps per mm for the controller."""
-    off = found.scale - 1
-    values = {
-        'scale': found.scale,
-        'steps_per_mm': found.steps_per_mm,
-        'offset_mm': found.offset,
-    }
-    evidence = {'standard_uncertainty': found.sigma, 'lengths': float(lengths)}
-    text = f'{found.steps_per_mm:.3f} steps/mm ({100 * off:+.3f} % +- {100 * found.sigma:.3f} %)'
-    told = [(results.STEPS + axis, round(found.steps_per_mm, 3))]
-    return Result('steps', axis, stamp(now), text, values, evidence, told)
-
-
-def of_skew(found: measures.Skew, now: datetime) -> Result:
-    """The angle that `waam correct --y-to-x` wants."""
-    values = {'y_to_x_deg': found.y_to_x, 'side_y_mm': found.side_y}
-    refuses = ''
-    if abs(found.y_to_x) > results.LARGEST_SKEW:
-        refuses = f'y leans {found.y_to_x:+.3f} deg to x, at most {results.LARGEST_SKEW:g} deg'
-    text = f'y leans {found.y_to_x:+.4f} +- {found.sigma:.4f} deg to x'
-    evidence = {'standard_uncertainty_deg': found.sigma}
-    return Result('skew', '', stamp(now), text, values, evidence, [], refuses)
-
-
-def of_tool_point(found: measures.ToolPoint, widths: int, now: datetime) -> Result:
-    """How far the wire tip is from the tool centre point, and how far it may be."""
-    values = {'offset_mm': found.offset, 'limit_mm': found.limit}
-    refuses = (
-        ''
-        if found.within
-        else f'the wire tip is {found.offset:.3f} mm off, limit {found.limit:.3f} mm'
-    )
-    text = f'wire tip {found.offset:.3f} +- {found.sigma:.3f} mm off, limit {found.limit:.3f} mm'
-    evidence = {'standard_uncertainty_mm': found.sigma, 'widths': float(widths)}
-    return Result('tcp', '', stamp(now), text, values, evidence, [], refuses)
-
-
-def of_wire(found: WireWheel, known: float, setting: str, now: datetime) -> Result:
+def of_wire(found: WireWheel, known: float, setting: str) -> Result:
     """known: counts per mm that the controller has; setting: its name of the threshold."""
     off = found.per_mm / known - 1
     values = {
@@ -123,10 +80,10 @@ def of_wire(found: WireWheel, known: float, setting: str, now: datetime) -> Resu
         f'underfeed below {found.threshold:g}'
     )
     told = [(setting, found.threshold)] if setting else []
-    return Result('wire', '', stamp(now), text, values, evidence, told, refuses)
+    return Result('wire', '', text, values, evidence, told, refuses)
 
 
-def of_lead(found: Lead, now: datetime) -> Result:
+def of_lead(found: Lead) -> Result:
     """Delay and lag, for the controller."""
     values = {
         'delay_s': found.delay,
@@ -149,40 +106,61 @@ def of_lead(found: Lead, now: datetime) -> Result:
         f'wire delay {1e3 * found.delay:.1f} +- {1e3 * found.delay_sigma:.1f} ms, '
         f'lag {1e3 * found.lag:.1f} +- {1e3 * found.lag_sigma:.1f} ms'
     )
-    return Result('lead', '', stamp(now), text, values, evidence, found.settings(), refuses)
+    return Result('lead', '', text, values, evidence, found.settings(), refuses)
 
 
-def of_arc(found: Relay, now: datetime) -> Result:
-    """Gains by both rules; what is judged are the fixed gains that the controller has."""
-    plant = found.plant
-    values = {
-        'ku': found.ku, 'tu_s': found.tu, 'gain': plant.gain, 'lag_s': plant.lag, 'delay_s': plant.delay,
-    }  # fmt: skip
-    for name, gains in gains_of(found).items():
-        response = regulator.step_response(gains, plant)
-        values |= {
-            f'{name}_kp': gains.kp,
-            f'{name}_ki': gains.ki,
-            f'{name}_kd': gains.kd,
-            f'{name}_margin_deg': regulator.margin(gains, plant),
-            f'{name}_overshoot_pct': min(100 * regulator.overshoot(response), 1e3),
-        }
-    margin = values['shipped_margin_deg']
-    refuses = ''
-    if margin < regulator.MARGIN:
-        refuses = f'the arc regulator has a phase margin of {margin:.0f} deg, at least {regulator.MARGIN:g}'
-    evidence = {'periods': float(found.periods), 'misfit': found.misfit}
-    text = (
-        f'Ku {found.ku:.2f}, Tu {1e3 * found.tu:.1f} ms; gain {plant.gain:.2f}, lag {1e3 * plant.lag:.1f} ms, '
-        f'delay {1e3 * plant.delay:.1f} ms; shipped gains: margin {margin:.0f} deg'
-    )
-    return Result('arc', '', stamp(now), text, values, evidence, [], refuses)
-
-
-def gains_of(found: Relay) -> dict[str, regulator.Gains]:
-    """By name: those of the controller, after Ziegler and Nichols, analytic."""
-    return {
-        'shipped': regulator.SHIPPED,
-        'ziegler_nichols': found.ziegler_nichols,
-        'analytic': regulator.analytic(found.plant),
+def of_tool(found: Tool, told: np.ndarray) -> Result:
+    """told: (3,) m, the tool that the controller has."""
+    tip, half = found.tip * 1e3, found.interval * 1e3
+    off = float(np.linalg.norm(found.tip - told)) * 1e3
+    values = {f'{axis}_mm': float(v) for axis, v in zip('xyz', tip, strict=True)}
+    values['off_mm'] = off
+    evidence = {f'interval_{axis}_mm': float(v) for axis, v in zip('xyz', half, strict=True)}
+    evidence |= {
+        'touches': float(len(found.misses)),
+        'largest_miss_mm': 1e3 * float(found.misses.max()),
+        'misfit': found.misfit,
     }
+    refuses = ''
+    if off > 1e3 * LARGEST_TOOL:
+        refuses = (
+            f'the tool of the robot is {off:.2f} mm off, at most {1e3 * LARGEST_TOOL:g}: enter the one that was found '
+            'and calibrate again with --told'
+        )
+    said = ', '.join(f'{v:.2f} +- {h:.2f}' for v, h in zip(tip, half, strict=True))
+    text = f'tip at {said} mm of the flange (95 %), {off:.2f} mm from that of the controller'
+    return Result('robot-tcp', '', text, values, evidence, [], refuses)
+
+
+def of_hand_eye(found: HandEye, on_torch: np.ndarray, mounted: np.ndarray) -> Result:
+    """on_torch, mounted: (4, 4), the scanner on the torch as found and as the programs have it."""
+    half = found.interval
+    angles = np.degrees(wpr(on_torch))
+    off = float(np.linalg.norm(on_torch[:3, 3] - mounted[:3, 3]))
+    turn = on_torch[:3, :3] @ mounted[:3, :3].T
+    turned = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    values = {f'{axis}_mm': 1e3 * float(v) for axis, v in zip('xyz', on_torch[:3, 3], strict=True)}
+    values |= dict(zip(('roll_deg', 'pitch_deg', 'yaw_deg'), map(float, angles), strict=True))
+    values |= {'off_mm': 1e3 * off, 'turned_deg': float(np.degrees(turned))}
+    evidence = {
+        'interval_mm': 1e3 * float(half[:3].max()),
+        'interval_deg': float(np.degrees(half[3:].max())),
+        'poses': float(len(np.unique(found.of))),
+        'points': float(len(found.of)),
+        'left_out': found.left_out,
+        'rms_mm': 1e3 * float(np.sqrt(np.mean(found.misses**2))),
+        'misfit': found.misfit,
+    }
+    refuses = ''
+    if off > LARGEST_TOOL or turned > LARGEST_TURN:
+        refuses = (
+            f'the scanner is {1e3 * off:.2f} mm and {np.degrees(turned):.2f} deg from where scan_fusion has it, at '
+            f'most {1e3 * LARGEST_TOOL:g} mm and {np.degrees(LARGEST_TURN):.1f} deg: set mount_xyz and mount_rpy, and '
+            'calibrate again with --mounted'
+        )
+    said = ', '.join(f'{1e3 * v:.2f}' for v in on_torch[:3, 3])
+    text = (
+        f'scanner at {said} mm +- {evidence["interval_mm"]:.2f} mm, +- {evidence["interval_deg"]:.2f} deg (95 %), '
+        f'{1e3 * off:.2f} mm and {np.degrees(turned):.2f} deg from its nominal mounting'
+    )
+    return Result('hand-eye', '', text, values, evidence, [], refuses)

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import regulator, shapers
+from . import shapers
 from .lead import Lead
-from .outcome import gains_of
-from .relay import Relay
 from .resonance import Resonance
 from .wire import WireWheel
 
@@ -77,28 +75,6 @@ def wire_steps(found: Lead) -> bytes:
     axis.plot(at[seen], 1e3 * found.modelled[seen], lw=1, label='command after delay and lag')
     axis.set(xlabel='time, s', ylabel='wire, mm/s', title='wire behind the steps of speed')
     axis.legend(fontsize=8)
-    return png(figure)
-
-
-def relay_swing(found: Relay) -> bytes:
-    """The experiment, and a step of the setpoint with each set of gains."""
-    figure = figure_of(6.0)
-    above, below = figure.subplots(2, 1)
-    swing = found.swing
-    at = 1e3 * (swing.time - swing.time[0])
-    seen = at < 6e3 * found.tu
-    above.plot(at[seen], swing.voltage[seen], lw=1, label='arc voltage')
-    above.plot(at[seen], found.modelled[seen], lw=1, label='plant')
-    above.plot(at[seen], swing.output[seen], lw=0.7, color='0.6', label='output of the relay')
-    above.set(xlabel='time, ms', ylabel='V', title='relay experiment')
-    for name, gains in gains_of(found).items():
-        response = np.clip(regulator.step_response(gains, found.plant), -1, 3)
-        below.plot(
-            1e3 * regulator.TICK * np.arange(len(response)), response, label=name.replace('_', ' ')
-        )
-    below.set(xlabel='time, ms', ylabel='voltage over its step')
-    for axis in (above, below):
-        axis.legend(fontsize=8)
     return png(figure)
 
 

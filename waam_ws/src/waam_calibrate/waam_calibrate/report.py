@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 
-from . import regulator
 from .results import Result
 from .shapers import Candidate
 
@@ -52,18 +51,5 @@ def log_lines(candidates: Sequence[Candidate], chosen: Candidate) -> list[str]:
         lines.append(
             f'{c.type:9s} {c.hz:6.1f} Hz   vibration {100 * c.vibration:5.1f} %   {uncertain}'
             f'smoothing {c.smoothing:.3f} mm   acceleration <= {c.acceleration:.0f} mm/s^2{mark}'
-        )
-    return lines
-
-
-def gain_lines(gains: Mapping[str, regulator.Gains], plant: regulator.Plant) -> list[str]:
-    """One line per set of gains: what they are, and what they do on the plant."""
-    lines = []
-    for name, g in gains.items():
-        response = regulator.step_response(g, plant)
-        lines.append(
-            f'{name.replace("_", " "):16s} kp {g.kp:6.2f}  ki {g.ki:7.1f}  kd {g.kd:.4f}   phase margin '
-            f'{regulator.margin(g, plant):4.0f} deg   overshoot {100 * regulator.overshoot(response):5.1f} %   '
-            f'settled after {1e3 * regulator.settling(response):.0f} ms'
         )
     return lines

@@ -7,8 +7,8 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
-from datetime import datetime, timedelta
+from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from .shapers import TYPES
@@ -16,15 +16,15 @@ from .shapers import TYPES
 VERSION = 1
 KINDS = {
     'resonance': ('x', 'y'), 'steps': ('x', 'y', 'z'), 'skew': ('',), 'tcp': ('',), 'wire': ('',), 'lead': ('',),
-    'arc': ('',), 'robot-tcp': ('',), 'hand-eye': ('',),
+    'robot-tcp': ('',), 'hand-eye': ('',),
 }  # fmt: skip
+GONE = ('arc',)  # kinds of older versions: their results count no more
 TOLD = 6e-4  # by how much a setting may differ from what was told: it travels rounded
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
 STEPS = 'steps_per_mm_'  # settings of the controller, and the axis
 ACCEL = 'max_accel_'  # the same, mm/s^2
 LEAST_ACCEL = 50.0  # mm/s^2 that the controller takes
-LARGEST_SKEW = 0.25  # deg
 LARGEST_TOOL = 1e-3  # m: tip or scanner of a robot from where its programs have it
 LARGEST_TURN = math.radians(0.5)  # of the scanner
 LARGEST_WIRE = 0.05  # counts per mm over those of the controller less 1
@@ -41,17 +41,21 @@ class Result:
 
     kind: str
     axis: str
-    date: str  # ISO 8601, UTC
     text: str
     values: dict[str, float]
     evidence: dict[str, float] = field(default_factory=dict)
     settings: list[tuple[str, float]] = field(default_factory=list)
     refuses: str = ''
+    date: str = ''  # ISO 8601, UTC; put in when it is kept
 
     @property
     def name(self) -> str:
         """Such as 'steps_x', 'skew'."""
         return f'{self.kind}_{self.axis}' if self.axis else self.kind
+
+    def of(self, now: datetime) -> Result:
+        """The same with its date."""
+        return replace(self, date=now.astimezone(UTC).isoformat(timespec='seconds'))
 
     @property
     def when(self) -> datetime:

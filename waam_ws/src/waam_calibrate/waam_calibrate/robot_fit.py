@@ -11,16 +11,18 @@ flange and c the centre in the base.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
-from waam_robot.uncertain import turns
+from waam_robot.uncertain import Flange, turns
 
 from .evidence import EvidenceError
 from .robot_evidence import Poses, Profiled
-from .robot_solve import Fit, Problem, Terms, skewed, solve
 
 LEAST_TOUCHES, LEAST_SCANS = 4, 6
 TURN = np.radians(20.0)  # least spread of the orientations about the second of their axes
@@ -32,6 +34,31 @@ PER_POSE = 60  # points of a pose that are used
 LEAST_POINTS = 12  # of a pose
 AWAY = 0.05, np.radians(15.0)  # m, rad from the nominal mounting: no longer this scanner
 MISFIT = 3.0  # residuals over what noise and stated errors explain
+
+
+@dataclass(frozen=True)
+class Fit:
+    """x: (m,) what is looked for, sigma: (m,); frames: (n, 4, 4) of the flange with the errors found."""
+
+    x: np.ndarray
+    sigma: np.ndarray
+    frames: np.ndarray
+    misfit: float
+
+
+@dataclass(frozen=True)
+class Terms:
+    """off: (q,) residuals over their standard deviation; by_x: (q, m) their slopes; by_turn, by_shift: (q, 3) slopes by
+    a small turn (rad) and a shift (m) of the flange of their pose, axes of the base; of: (q,) that pose."""
+
+    off: np.ndarray
+    by_x: np.ndarray
+    by_turn: np.ndarray
+    by_shift: np.ndarray
+    of: np.ndarray
+
+
+Problem = Callable[[np.ndarray, np.ndarray], Terms]
 
 
 @dataclass(frozen=True)
@@ -158,8 +185,7 @@ def _touch(sigma: float) -> Problem:
         lever = frames[:, :3, :3] @ x[:3]
         off = lever + frames[:, :3, 3] - x[3:6]
         by_tip = np.concatenate([frames[:, :3, :3], np.tile(-np.eye(3), (n, 1, 1))], axis=2)
-        # a turn w moves the lever by w x lever
-        cross = -_crossing(lever)
+        cross = np.cross(lever[:, None], np.eye(3))  # a turn w moves the lever by w x lever
         parts = (off.reshape(-1), by_tip.reshape(-1, 6), cross.reshape(-1, 3))
         shift = np.tile(np.eye(3), (n, 1))
         off_, by_x, by_turn = (v / sigma for v in parts)
@@ -168,20 +194,9 @@ def _touch(sigma: float) -> Problem:
     return terms
 
 
-def _crossing(v: np.ndarray) -> np.ndarray:
-    """(n, 3, 3): v x, for (n, 3)."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]
-    return out - np.swapaxes(out, 1, 2)
-
-
 def _check_turned(turned: np.ndarray) -> None:
     """The orientations (n, 3, 3) differ about at least two axes."""
-    against = np.einsum('ji,njk->nik', turned[0], turned)
-    skew = skewed(against)
-    length = np.linalg.norm(skew, axis=1)
-    angle = np.arctan2(length, np.trace(against, axis1=1, axis2=2) - 1)
-    vectors = skew * (angle / np.maximum(length, 1e-12))[:, None]
+    vectors = Rotation.from_matrix(np.einsum('ji,njk->nik', turned[0], turned)).as_rotvec()
     _, _, axes = np.linalg.svd(vectors - vectors.mean(axis=0), full_matrices=False)
     spread = np.ptp(vectors @ axes.T, axis=0)
     if spread[1] < TURN:
@@ -266,8 +281,6 @@ def _roughly(
     x: np.ndarray,
 ) -> np.ndarray:
     """(9,): without the errors of the robot, deaf to outliers."""
-    from scipy.optimize import least_squares
-
     off = _sphere(nominal, points, of, radius, 1e-3)
     scale = np.full(9, 1e-3)
     done: Any = least_squares(
@@ -281,3 +294,54 @@ def _by_pose(misses: np.ndarray, of: np.ndarray, count: int) -> np.ndarray:
     """(count,) m: RMS of each pose."""
     square = np.bincount(of, misses**2, count) / np.maximum(np.bincount(of, minlength=count), 1)
     return np.asarray(np.sqrt(square))
+
+
+# ---- least squares with the errors of the robot as unknowns
+
+
+def solve(terms: Problem, flange: Flange, start: np.ndarray, free: int) -> Fit:
+    """terms(x, frames (n, 4, 4)); free: degrees of freedom without the errors of the robot."""
+    m, nominal = len(start), flange.poses(np.zeros(len(flange.sigma)))
+    slopes = _slopes(flange, nominal)
+
+    def frames(y: np.ndarray) -> np.ndarray:
+        off = slopes @ y[m:]
+        out = nominal.copy()
+        out[:, :3, :3] = turns(off[:, :3]) @ nominal[:, :3, :3]
+        out[:, :3, 3] += off[:, 3:]
+        return out
+
+    def residuals(y: np.ndarray) -> np.ndarray:
+        return np.concatenate([terms(y[:m], frames(y)).off, y[m:]])
+
+    def jacobian(y: np.ndarray) -> np.ndarray:
+        t = terms(y[:m], frames(y))
+        by_pose = np.concatenate([t.by_turn, t.by_shift], axis=1)
+        by_errors = np.einsum('qi,qik->qk', by_pose, slopes[t.of])
+        held = np.hstack([np.zeros((len(y) - m, m)), np.eye(len(y) - m)])
+        return np.vstack([np.hstack([t.by_x, by_errors]), held])
+
+    begin = np.concatenate([start, np.zeros(slopes.shape[2])])
+    scale = np.concatenate([np.full(m, 1e-3), np.ones(slopes.shape[2])])
+    done: Any = least_squares(residuals, begin, jac=jacobian, x_scale=scale)
+    misfit = float(np.sqrt(2 * done.cost / max(free, 1)))
+    try:
+        covariance = np.linalg.inv(done.jac.T @ done.jac)
+    except np.linalg.LinAlgError:
+        raise EvidenceError('the poses do not tell all that is looked for') from None
+    spread = np.sqrt(np.maximum(np.diag(covariance)[:m], 0.0)) * max(1.0, misfit)
+    return Fit(done.x[:m], spread, frames(done.x), misfit)
+
+
+def _slopes(flange: Flange, nominal: np.ndarray) -> np.ndarray:
+    """(n, 6, k): turn (rad) and shift (m) of every pose by one standard deviation of every error that has one."""
+    held = np.flatnonzero(flange.sigma > 0)
+    out = np.zeros((len(nominal), 6, len(held)))
+    for k, error in enumerate(held):
+        one = np.zeros(len(flange.sigma))
+        one[error] = flange.sigma[error]
+        moved = flange.poses(one)
+        turn = moved[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], 1, 2)
+        out[:, :3, k] = Rotation.from_matrix(turn).as_rotvec()
+        out[:, 3:, k] = moved[:, :3, 3] - nominal[:, :3, 3]
+    return out

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from waam_process.safe_files import FileError, read_npz, read_text, read_yaml
+from waam_process.safe_files import FileError, read_npz, read_yaml
 
 from .evidence import EvidenceError
-from .regulator import Swing
 from .resonance import Samples
-from .results import Result, ResultError, from_data, to_data
+from .results import GONE, Result, ResultError, from_data, to_data
 from .sweep import Sweep
 
 HEAD = '# Made by `waam calibrate`; the hash tells whether it was changed. `waam calibrate status` lists what counts.\n'
@@ -59,6 +58,8 @@ def load_all(folder: Path) -> Stored:
     """All results of a folder; none when there is no folder."""
     found = Stored([], [])
     for path in sorted(folder.glob('*.yaml')):
+        if path.name.partition('_')[0] in GONE:
+            continue
         try:
             found.results.append(load(path))
         except ResultError as e:
@@ -89,19 +90,3 @@ def load_samples(path: Path) -> tuple[Samples, Sweep]:
         return samples, Sweep(*map(float, data['sweep']))
     except (KeyError, ValueError, TypeError) as e:
         raise EvidenceError(f'{path} holds no samples of a sweep: {e}') from None
-
-
-def load_swing(path: Path) -> Swing:
-    """A relay experiment from a text file: time (s), output (V), arc voltage (V) in each line, commas between; a first
-    line with names is allowed. EvidenceError names the file."""
-    try:
-        lines = [line for line in read_text(path).splitlines() if line.strip()]
-        named = bool(lines) and any(c.isalpha() for c in lines[0].replace('e', '').replace('E', ''))
-        if not lines[named:]:
-            raise ValueError('no line of numbers')
-        rows = np.loadtxt(lines[named:], delimiter=',', ndmin=2, comments=None)
-    except (OSError, ValueError) as e:
-        raise EvidenceError(f'{path} holds no relay experiment: {e}') from None
-    if rows.shape[1] != 3:
-        raise EvidenceError(f'{path}: {rows.shape[1]} columns, wanted are time, output and voltage')
-    return Swing(rows[:, 0], rows[:, 1], rows[:, 2])

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
+from waam_msgs.msg import AccelerationBatch, Anomaly
 from waam_node.conversions import (
     floats,
+    from_msg,
     grid_from_msg,
     grid_to_msg,
     image_to_msg,
@@ -23,6 +27,7 @@ from waam_node.conversions import (
     segment_from_msg,
     segment_to_msg,
     time_to_msg,
+    to_msg,
 )
 from waam_process.grid import GridError, GridSpec
 from waam_process.segment import Clamp, Kind, Segment
@@ -92,3 +97,28 @@ def test_paths_come_back_from_their_message(sizes, seed):
     paths = [rng.uniform(-1, 1, (n, 2)).astype(np.float32).astype(float) for n in sizes]
     found = paths_from_msg(paths_to_msg(paths))
     assert [p.tolist() for p in found] == [p.tolist() for p in paths]
+
+
+@dataclass(frozen=True)
+class Told:
+    """As Anomaly has it, and one field that only newer records have."""
+
+    class_name: str
+    layer: int
+    position: tuple[float, float, float]
+    new: float = 7.0
+
+
+def test_a_dataclass_and_a_message_mirror_each_other_by_the_names_of_their_fields():
+    known = Told('scan', 3, (1.0, 2.0, 3.0))
+    stamp = Time(sec=5)
+    with pytest.raises(AttributeError, match="no field 'new'"):
+        to_msg(Anomaly, known)
+    fields = {'class_name': 'scan', 'layer': np.int64(3), 'position': np.array([1, 2, 3])}
+    msg = to_msg(Anomaly, stamp=stamp, frame='work', **fields)
+    assert (msg.header.stamp, msg.header.frame_id) == (stamp, 'work')
+    assert from_msg(Told, msg) == known
+    assert from_msg(Told, msg, layer=9).layer == 9
+    assert math.isnan(to_msg(Anomaly, position=None).position.x)
+    batch = to_msg(AccelerationBatch, x=np.arange(3), sensor_id='a')
+    assert batch.x.typecode == 'f' and batch.x.tolist() == [0, 1, 2]

@@ -61,29 +61,13 @@ class TelemetryFields(NamedTuple):
     fault: int
 
 
-_FORMATS = [
-    '<u8',
-    '<u4',
-    '<u4',
-    'u1',
-    *['<f8'] * 8,
-    *['?'] * 3,
-    'u1',
-    '<u4',
-    '<u4',
-    '<u2',
-    *['<f4'] * 3,
-    *['<u4'] * 2,
-]
-_OFFSETS = [0, 8, 12, 16, *range(24, 88, 8), 88, 89, 90, 91, 92, 96, 100, 104, 108, 112, 116, 120]
-_FRAME = np.dtype(
-    {
-        'names': list(TelemetryFields._fields),
-        'formats': _FORMATS,
-        'offsets': _OFFSETS,
-        'itemsize': _TELEMETRY.size,
-    }
-)  # the layout of _TELEMETRY
+_FRAME = np.dtype({  # the layout of _TELEMETRY
+    'names': list(TelemetryFields._fields), 'itemsize': _TELEMETRY.size,
+    'formats': [
+        '<u8', '<u4', '<u4', 'u1', *['<f8'] * 8, *['?'] * 3, 'u1', '<u4', '<u4', '<u2', *['<f4'] * 3, '<u4', '<u4',
+    ],
+    'offsets': [0, 8, 12, 16, *range(24, 88, 8), 88, 89, 90, 91, 92, 96, 100, 104, 108, 112, 116, 120],
+})  # fmt: skip
 
 
 class BatchFields(NamedTuple):

@@ -20,7 +20,13 @@ ALWAYS_ALLOWED = ('use_sim_time', 'start_type_description_service')
 GONE = {
     name: 'layers are not corrected any more while they are laid'
     for name in ('in_layer', 'in_process_', 'arclight_')
-}
+} | {
+    name: 'nobody had reason to change it, so its value stands in the code'
+    for name in (
+        'heartbeat_period', 'tick_period', 'resend_timeout', 'resend_warning', 'wire_jog_speed', 'csv_rate',
+        'sample_period', 'history',
+    )
+}  # fmt: skip
 
 
 class ParameterError(ValueError):

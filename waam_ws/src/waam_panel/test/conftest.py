@@ -14,13 +14,11 @@ import pytest
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 from waam_panel.cell import Cell
-from waam_panel.in_shop import Place
-from waam_panel.operations import Refused
+from waam_panel.operations import Place, Refused, StandoffSettings
 from waam_panel.parts import PartFolders
 from waam_panel.security import Guard
 from waam_panel.shop_link import ShopLink
 from waam_panel.sources import PROGRAMS
-from waam_panel.standoff_settings import StandoffSettings
 from waam_panel.state import PanelState, Sample
 from waam_panel.web import WebServer
 from waam_shop.notifier import Notifier

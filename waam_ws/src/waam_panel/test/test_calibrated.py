@@ -24,7 +24,7 @@ def results(panel, monkeypatch) -> Path:
     date = '2026-11-01T10:00:00+00:00'
     for kind, name in (('steps', 'steps_per_mm_x'), ('resonance', 'shape_x_hz')):
         told = [(name, FOUND[name])]
-        store.save(folder, Result(kind, 'x', date, 'found', {'v': 1.0}, settings=told), '')
+        store.save(folder, Result(kind, 'x', 'found', {'v': 1.0}, settings=told, date=date), '')
     panel.cell.calibrations = folder
     return folder
 
@@ -114,7 +114,7 @@ def test_a_result_that_comes_later_is_compared(panel, results):
     says(panel, 1)
     until(lambda: asked(panel), 'asked after the start')
     date, told = '2026-11-02T10:00:00+00:00', [('wire_delay_s', 0.05)]
-    store.save(results, Result('lead', '', date, 'found', {'v': 1.0}, settings=told), '')
+    store.save(results, Result('lead', '', 'found', {'v': 1.0}, settings=told, date=date), '')
     until(lambda: alarm(panel), 'the alarm after the new result')
     assert 'wire_delay_s is 0.03' in alarm(panel)['text']
 

@@ -108,10 +108,10 @@ def test_from_upload_to_start(panel):
     for name, text in (('wall.gcode', wall()), ('bad.nc', wall().replace('M5\n', '', 1))):
         assert ask(panel, f'programs?name={name}', text.encode())[1]['name'] == name
     assert {p['name'] for p in listed(panel)['programs']} == {'wall.gcode', 'bad.nc'}
-    assert ask(panel, 'programs?name=../x.gcode', b'G0')[0] == 400
-    assert ask(panel, 'programs?name=x.stl', b'G0')[0] == 400
+    assert ask(panel, 'programs?name=../x.gcode', b'G0')[0] == 409
+    assert ask(panel, 'programs?name=x.stl', b'G0')[0] == 409
     status, refused = ask(panel, 'program/load', {'program': 'bad.nc'})
-    assert status == 400 and 'line 10' in refused['message'] and 'Z12' in refused['message']
+    assert status == 409 and 'line 10' in refused['message'] and 'Z12' in refused['message']
     good = {'program': 'wall.gcode', 'shift_mm': [5, 0, 0], 'operator_name': 'Ann'}
     status, said = ask(panel, 'program', good)
     assert status == 200 and said['good'] and 'beads' not in said and len(said['layers']) == 2
@@ -130,7 +130,7 @@ def test_from_upload_to_start(panel):
     assert nominal is None and jobs == panel.folder / 'jobs'
     program.write_text(wall().replace('G1 X40', 'G77 X40', 1))  # changed since it was loaded
     status, refused = ask(panel, 'program/start', {})
-    assert status == 400 and 'G77' in refused['message']
+    assert status == 409 and 'G77' in refused['message']
 
 
 def test_a_calibration_that_refuses_keeps_program_and_part_from_starting(panel, write_part):
@@ -140,7 +140,9 @@ def test_a_calibration_that_refuses_keeps_program_and_part_from_starting(panel, 
     def skew(day: int, refuses: str) -> None:
         date = f'2026-11-{day:02d}T10:00:00+00:00'
         store.save(
-            folder, Result('skew', '', date, 'y leans', {'y_to_x_deg': 0.9}, refuses=refuses), ''
+            folder,
+            Result('skew', '', 'y leans', {'y_to_x_deg': 0.9}, refuses=refuses, date=date),
+            '',
         )
 
     machine_says(panel, armed=True)

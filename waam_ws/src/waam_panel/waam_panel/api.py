@@ -14,20 +14,19 @@ from waam_shop.roles import Role
 
 from . import alarms, bodies, calibrated, history, numbers
 from .archive_page import QuestionError
-from .auditing import AuditFailure, done
+from .auditing import done
 from .cell import CELL, Cell
 from .commanding import (
     BadRequest,
     Run,
     answered,
-    audited,
-    check_command,
     command_routes,
     read_route,
     session_of,
+    upload_route,
 )
 from .operations import Refused
-from .routes import UPLOAD, Route
+from .routes import Route
 from .security import CSRF_HEADER
 from .setup_form import LAST_SCAN, LIMITS, LOOP_MODE_LABELS, parse
 
@@ -239,22 +238,6 @@ async def _stop(request: web.Request) -> web.Response:
     return answer
 
 
-async def _upload(request: web.Request) -> web.StreamResponse:
-    """The file is the body, its name a query parameter."""
-    cell = check_command(request)
-    data, name = await bodies.read(request), request.query.get('name', '')
-
-    async def run(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
-        stored = await cell.beside.thread('uploads', cell.parts.save, name, data)
-        return {'message': f'{stored} is stored', 'name': stored}
-
-    try:
-        told = {'name': name, 'bytes': len(data)}
-        return await audited(request, 'upload', told, lambda: answered(run, cell, {}))
-    except AuditFailure as e:
-        return web.json_response({'ok': False, 'message': str(e)}, status=503)
-
-
 async def _archive(request: web.Request) -> web.Response:
     """All jobs: rows, and the chart of a figure. New jobs are taken in first, but never beside a running one."""
     from waam_archive.catalog import ArchiveError
@@ -299,7 +282,7 @@ async def _preview(request: web.Request) -> web.Response:
 ROUTES = (
     # whoever sees the page may stop
     Route('POST', '/api/stop', Role.VIEW, _stop, bodies.FORM),
-    Route('POST', '/api/parts', Role.OPERATE, _upload, UPLOAD),
+    upload_route('parts', 'upload', lambda cell: cell.parts),
     Route('GET', '/api/map/{name}', Role.VIEW, _map), Route('GET', '/api/preview.png', Role.VIEW, _preview),
     Route('GET', '/api/archive', Role.VIEW, _archive), read_route('/api/choices', _choices),
     read_route('/api/jobs', lambda cell: history.jobs(cell.jobs_dir)),

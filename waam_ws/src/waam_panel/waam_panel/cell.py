@@ -27,9 +27,9 @@ from . import calibrated, history, pictures
 from .archive_page import ArchivePage
 from .beside import Beside
 from .gate import Gate
-from .in_shop import InShop
-from .operations import Operations, Refused
+from .operations import InShop, Operations, Refused
 from .parts import PartFolders
+from .programs import Programs
 from .security import Guard
 from .setup_form import LAST_SCAN, JobSetup
 from .state import PanelState
@@ -68,7 +68,7 @@ class Cell:
     gate: Gate | None = None  # who is connected; None: not counted
 
     def __post_init__(self) -> None:
-        self.archive = ArchivePage(self.jobs_dir)
+        self.archive, self.programs = ArchivePage(self.jobs_dir), Programs(self.parts)
         self.work_lock, self.beside = asyncio.Lock(), Beside()
         self.throttle = Throttle(self.wrong_token_s)
         self.entries = 0  # of the audit log that wait

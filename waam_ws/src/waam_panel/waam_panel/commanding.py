@@ -13,14 +13,14 @@ from aiohttp import web
 from waam_shop.job_queue import QueueError
 from waam_shop.roles import Role
 
-from . import history
+from . import bodies, history
 from .auditing import AuditFailure, asked, done, went_wrong
 from .bodies import BadBody, json_of
 from .cell import CELL, Cell
 from .operations import Refused
-from .parts import PartsError
+from .parts import PartFolders, PartsError
 from .programs import ProgramRefused
-from .routes import Handler, Route
+from .routes import UPLOAD, Handler, Route
 from .security import COOKIE, CSRF_HEADER
 from .setup_form import FormError
 from .worker import WorkError
@@ -32,7 +32,7 @@ KNOWN = (
 Run = Callable[[Cell, dict[str, Any]], Awaitable[Any]]
 
 
-FORMS = ('load', 'queue_add')  # they check their fields themselves
+FORMS = ('load', 'queue_add', 'program/load')  # they check their fields themselves
 FIELDS = {  # of every other command that takes any
     'jog': ('axis', 'direction', 'step', 'held'), 'jog_wire': ('mm',), 'override': ('speed', 'wire'),
     'gain': ('value',), 'acknowledge': ('id',), 'load_job': ('id',), 'queue_release': ('id',),
@@ -79,17 +79,21 @@ def check_command(request: web.Request) -> Cell:
     return cell
 
 
-def command(name: str, run: Run) -> Handler:
-    """The handler of POST /api/<name>: checks, reads the JSON, writes the audit log, runs."""
+def command(name: str, run: Run, asks: bool = False) -> Handler:
+    """The handler of POST /api/<name>: checks, reads the JSON, writes the audit log, runs. asks: it changes nothing, so
+    it is in no log."""
+    told = name.replace('/', ' ')
 
     async def handler(request: web.Request) -> web.StreamResponse:
         cell = check_command(request)
         try:
             data = await json_of(request)
+            if asks:
+                return await answered(run, cell, data)
             if name in SAFE:
                 return await done(request, name, await answered(run, cell, data))
             check_fields(name, data)
-            return await audited(request, name, data, lambda: answered(run, cell, data))
+            return await audited(request, told, data, lambda: answered(run, cell, data))
         except (BadBody, BadRequest, AuditFailure) as e:
             status = 503 if isinstance(e, AuditFailure) else 400
             return web.json_response({'ok': False, 'message': str(e)}, status=status)
@@ -121,28 +125,31 @@ def listing(read: Callable[[Cell], Any]) -> Handler:
     return handler
 
 
-def command_routes(commands: dict[str, Run], role: Role) -> tuple[Route, ...]:
+def command_routes(commands: dict[str, Run], role: Role, asks: bool = False) -> tuple[Route, ...]:
     """POST /api/<name> for every command of a table."""
-    return tuple(Route('POST', f'/api/{n}', role, command(n, run)) for n, run in commands.items())
+    return tuple(
+        Route('POST', f'/api/{n}', role, command(n, run, asks)) for n, run in commands.items()
+    )
 
 
-def logged(name: str, handler: Handler) -> Handler:
-    """A handler of another module that changes something: its sender is checked, and the audit log comes first."""
+def upload_route(path: str, name: str, folders: Callable[[Cell], PartFolders]) -> Route:
+    """POST /api/<path>: the file is the body, its name a query parameter. name: in the audit log."""
 
-    async def inner(request: web.Request) -> web.StreamResponse:
-        check_command(request)
-        told: dict[str, Any] = {'name': request.query.get('name', '')}
-        if request.content_type == 'application/json':
-            try:
-                told = await json_of(request)  # the handler gets the same
-            except BadBody as e:
-                told = {'body': str(e)}  # the handler says so, too
+    async def handler(request: web.Request) -> web.StreamResponse:
+        cell = check_command(request)
+        data, file = await bodies.read(request), request.query.get('name', '')
+
+        async def save(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
+            stored = await cell.beside.thread('uploads', folders(cell).save, file, data)
+            return {'message': f'{stored} is stored', 'name': stored}
+
         try:
-            return await audited(request, name, told, lambda: handler(request))
+            told = {'name': file, 'bytes': len(data)}
+            return await audited(request, name, told, lambda: answered(save, cell, {}))
         except AuditFailure as e:
             return web.json_response({'ok': False, 'message': str(e)}, status=503)
 
-    return inner
+    return Route('POST', f'/api/{path}', Role.OPERATE, handler, UPLOAD)
 
 
 def read_route(path: str, read: Callable[[Cell], Any]) -> Route:

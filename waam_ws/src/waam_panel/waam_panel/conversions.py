@@ -261,8 +261,6 @@ def program_goal(
     return goal
 
 
-def resumed(folder: Path, operator: str = '') -> RunJob.Goal:
+def resumed(folder: Path) -> RunJob.Goal:
     """The goal that resumes an interrupted job; everything else is in its job.yaml."""
-    return RunJob.Goal(
-        resume_dir=str(folder.resolve()), operator_name=operator, notes=['resumed_from=panel']
-    )
+    return RunJob.Goal(resume_dir=str(folder.resolve()), notes=['resumed_from=panel'])

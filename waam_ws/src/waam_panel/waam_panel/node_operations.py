@@ -23,10 +23,9 @@ from waam_process.operating import BUILD_PLATE
 from . import conversions as cv
 from .node_override import OverrideOrder
 from .node_standoff import BridgeStandoff
-from .operations import Refused
+from .operations import Refused, StandoffSettings
 from .programs import ProgramChoice
 from .setup_form import JobSetup
-from .standoff_settings import StandoffSettings
 
 PATIENCE_S = 5.0
 STOP_PATIENCE_S = 3.0

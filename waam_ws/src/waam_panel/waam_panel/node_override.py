@@ -5,12 +5,12 @@ It is not latched: a bridge that starts later begins with factors of 1, and an o
 
 from __future__ import annotations
 
-import math
 import time
 
 from rclpy.node import Node
 
 from waam_msgs.msg import Override, ProcessControl, Telemetry
+from waam_node.override import in_force
 from waam_node.qos import NEWEST
 
 from .operations import Refused
@@ -19,8 +19,6 @@ READERS_S = 2.0  # for the bridge, and then for whoever else is to hear of it
 ECHO_S = 5.0
 AGAIN_S = 0.5
 LOOK_S = 0.02
-SLACK = 1e-3  # the controller counts in thousandths
-CONTROLLED_SLACK = 0.02  # the factors of a process control go on changing
 
 
 class OverrideOrder:
@@ -73,16 +71,9 @@ class OverrideOrder:
             time.sleep(LOOK_S)
 
     def _shown(self, speed: float, wire: float, since: float) -> bool:
-        """Whether a frame after `since` shows the factors, those of a process control taken into account. It must have
-        heard them, or it would take them back."""
+        """By a frame after `since`."""
         if self._seen is None or self._seen[0] < since:
             return False
-        t, by_speed, by_wire, slack = self._seen[1], 1.0, 1.0, SLACK
-        if self._control is not None and self._control[0] > since - 1.0:
-            c, slack = self._control[1], CONTROLLED_SLACK
-            by_speed, by_wire = c.speed_factor, c.wire_factor
-            heard = ((speed, c.operator_speed_factor), (wire, c.operator_wire_factor))
-            if any(abs(a - b) > 1e-6 for a, b in heard if not math.isnan(a)):
-                return False
-        pairs = ((speed, by_speed, t.speed_override), (wire, by_wire, t.wire_override))
-        return all(math.isnan(a) or abs(a * by - b) <= slack for a, by, b in pairs)
+        fresh = self._control is not None and self._control[0] > since - 1.0
+        control = self._control[1] if fresh and self._control else None
+        return in_force(self._seen[1], control, speed, wire)

@@ -10,8 +10,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from waam_node.node import CallError, WaamNode, call
 
-from .operations import Refused
-from .standoff_settings import StandoffSettings
+from .operations import Refused, StandoffSettings
 
 PATIENCE_S = 5.0
 NAMES = (

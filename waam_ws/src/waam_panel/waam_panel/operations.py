@@ -1,13 +1,32 @@
-"""What an operator can make the cell do, as the web server sees it. The node implements it; tests put a fake there."""
+"""What the web server needs of others: what an operator can make the cell do (the node), and the shop that the cell
+belongs to (`shop_link`). Tests put fakes there."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
+
+from waam_shop.audit_file import AuditLog
+from waam_shop.notifier import Notifier
+from waam_shop.queue_file import QueueFile
+from waam_shop.shop_folder import Shop
 
 from .programs import ProgramChoice
 from .setup_form import JobSetup
-from .standoff_settings import StandoffSettings
+
+
+@dataclass(frozen=True)
+class StandoffSettings:
+    """What the page *Standoff* sets of the controller; m. distance: NaN = what fits the source. wander: standard
+    deviation of what contact tip and wire do to the current of the arc, as a distance; 0 = steady."""
+
+    source: str
+    law: str
+    distance: float
+    up: float
+    down: float
+    wander: float
 
 
 class Refused(RuntimeError):
@@ -80,3 +99,31 @@ class Operations(Protocol):
 
     def restart_programs(self) -> str:
         """Programs that have died or hang are started again; which, and how they were found."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """What does not change while a panel runs. name: of the cell; domain: ROS_DOMAIN_ID; page: its address."""
+
+    name: str
+    domain: int = 0
+    page: str = ''
+
+
+class InShop(Protocol):
+    """Queue, audit log and messages of one cell."""
+
+    shop: Shop
+    place: Place
+    queue: QueueFile
+    audit: AuditLog
+    notifier: Notifier
+
+    def stop_pressed(self) -> None:
+        """What is released or about to start waits for a new release."""
+
+    def tick(self, cell: Any) -> None:
+        """Once a second; waits for nothing."""
+
+    def close(self) -> None:
+        """The last words of a panel."""

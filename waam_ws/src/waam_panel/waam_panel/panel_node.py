@@ -36,11 +36,10 @@ from waam_view.node_tap import TelemetryTap
 
 from .cell import Cell
 from .conversions import CONVERT
-from .in_shop import Place
-from .known_tokens import KnownTokens
 from .node_operations import RosOperations
+from .operations import Place
 from .parts import PartFolders
-from .security import Guard, is_local, open_tokens, tls_context
+from .security import Guard, KnownTokens, is_local, open_tokens, tls_context
 from .shop_link import ShopLink
 from .state import PanelState
 from .web import WebServer
@@ -81,15 +80,15 @@ class PanelParams:
         '', 'folder of the running graph of waam up, for Restart programs; empty = there is none'
     )
     upload_mb: int = param(64, 'largest part that can be uploaded', 'MB', 1, 1024)
-    sample_period: float = param(
-        0.1, 'steady time between two samples of the plots', 's', 0.02, 2.0
-    )
-    history: float = param(180.0, 'steady time that the plots reach back', 's', 10.0, 3600.0)
     error_range: float = param(
         0.0006, 'height error at the ends of the colour scale', 'm', 1e-5, 0.1
     )
 
 
+SAMPLE_S, KEPT_S = (
+    0.1,
+    180.0,
+)  # steady time between two samples of the plots, and how far they reach back
 FRAMES = 4  # telemetry frames read per sample period at most
 TOPICS = (  # name of the section, type, topic, quality of service, newest only
     ('machine', MachineState, 'machine_state', LATCHED, False),
@@ -125,7 +124,7 @@ class Panel(WaamNode):
         self._operations = RosOperations(self, Path(p.run_dir) if p.run_dir else None)
         for name, kind, topic, qos, newest in TOPICS:
             self.create_subscription(kind, topic, self._put(name, newest), qos)
-        self.create_timer(p.sample_period, self._on_sample, clock=self.steady)
+        self.create_timer(SAMPLE_S, self._on_sample, clock=self.steady)
         self.create_timer(1.0, self._report, clock=self.steady)
         self._cell: Cell | None = None
         self._server = WebServer(self._make_cell, p.bind, p.port, self._tls)
@@ -159,7 +158,7 @@ class Panel(WaamNode):
         p = self.params
         self._cell = Cell(
             guard=Guard.create(self._tokens, p.bind, port, tuple(p.allowed_hosts.split(','))),
-            state=PanelState(round(FRAMES * p.history / p.sample_period)),
+            state=PanelState(round(FRAMES * KEPT_S / SAMPLE_S)),
             operations=self._operations,
             mailbox=self._mailbox,
             convert=lambda name, message: CONVERT[name](message),

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from waam_plan.read.files import DEFAULT, SUFFIXES, shipped
+from waam_plan.read.files import DEFAULT, shipped
+from waam_plan.read.files import SUFFIXES as SUFFIXES
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 
 from . import numbers
-from .parts import PartFolders, PartsError
-from .worker import WorkError, work
+from .parts import PartFolders
+from .worker import work
 
 DIALECTS = (DEFAULT, *(n for n in shipped() if n != DEFAULT))
 SHIFT_MM = 1000.0
@@ -146,14 +147,3 @@ def _limits(machine: Mapping[str, Any] | None) -> list[float]:
     ):
         return []
     return [(v - z) * 1e-3 for v, z in zip(values, [*zero, *zero], strict=True)]
-
-
-__all__ = [
-    'SUFFIXES',
-    'PartsError',
-    'ProgramChoice',
-    'ProgramRefused',
-    'Programs',
-    'WorkError',
-    'parse_choice',
-]

@@ -10,8 +10,9 @@ from typing import Any
 from .cell import Cell
 from .operations import Refused
 from .parts import PartFolders
-from .programs import ProgramChoice, Programs, WorkError, parse_choice
+from .programs import ProgramChoice, Programs, parse_choice
 from .setup_form import JobSetup, parse
+from .worker import WorkError
 
 PROGRAM = 'program'  # a setup with this field is that of a program
 

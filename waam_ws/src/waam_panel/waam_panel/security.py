@@ -4,7 +4,7 @@ Local (no tokens): only requests whose Host is this machine's loopback name and 
 rebinds its name to 127.0.0.1 has the wrong Host), commands only with the anti-forgery value that our own page carries.
 With tokens: besides, a session cookie that is handed out for one of them. Sessions are signed, not stored, so a page
 that is open keeps its rights when the panel starts again; the token behind one is looked up with every request, so a
-token that is revoked is out within a second (`known_tokens`).
+token that is revoked is out within a second (`KnownTokens`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import ipaddress
 import re
 import secrets
 import ssl
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 from urllib.parse import urlsplit
 
 from waam_shop.roles import Role
@@ -60,14 +60,34 @@ class Visitor:
     role: Role
 
 
-class Tokens(Protocol):
-    """The tokens that let people in: a file, or what is known of it."""
+AGAIN_S = 0.5  # between two looks at the file of tokens
+
+
+class KnownTokens:
+    """Looks at the file in a thread of its own. TokenError at first, when it cannot be read. Later such a file leaves
+    the tokens as they were: who could stop the cell can still stop it."""
+
+    def __init__(self, file: TokenFile) -> None:
+        self._file = file
+        self._book: TokenBook = file.book()
+        self._key = file.key()
+        threading.Thread(target=self._follow, name='tokens', daemon=True).start()
 
     def book(self) -> TokenBook:
-        """Raises TokenError: damaged, or readable by others."""
+        """See `TokenFile.book`; never waits."""
+        return self._book
 
     def key(self) -> bytes:
-        """Signs sessions."""
+        """See `TokenFile.key`."""
+        return self._key
+
+    def _follow(self) -> None:
+        while True:
+            time.sleep(AGAIN_S)
+            try:
+                self._book = self._file.book()
+            except TokenError:
+                continue
 
 
 def open_tokens(file: str, bind: str, tls: bool) -> TokenFile | None:
@@ -123,13 +143,17 @@ class Guard:
     """Checks every request. tokens None = local use; hosts: names (with port) under which the page may be asked for;
     key: signs sessions."""
 
-    tokens: Tokens | None
+    tokens: KnownTokens | TokenFile | None
     hosts: frozenset[str]
     key: bytes
 
     @classmethod
     def create(
-        cls, tokens: Tokens | None, bind: str, port: int, more_hosts: tuple[str, ...] = ()
+        cls,
+        tokens: KnownTokens | TokenFile | None,
+        bind: str,
+        port: int,
+        more_hosts: tuple[str, ...] = (),
     ) -> Guard:
         """more_hosts: names of this machine for other binds, with or without port."""
         names = {f'{n}:{port}' for n in LOCAL_NAMES}

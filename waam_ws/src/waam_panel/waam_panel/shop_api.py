@@ -17,8 +17,7 @@ from waam_shop.roles import Role
 
 from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
-from .in_shop import InShop
-from .operations import Refused
+from .operations import InShop, Refused
 from .parts import sha256_of
 from .queued import fields_of, file_of
 from .routes import WHO, Handler, Route, visitor

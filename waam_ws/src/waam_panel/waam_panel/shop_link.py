@@ -26,8 +26,7 @@ from . import calibrated
 from .beside import AUDIT
 from .cell import Cell
 from .deeds import Deed, Deeds
-from .in_shop import Place
-from .operations import Refused
+from .operations import Place, Refused
 from .parts import PartsError, sha256_of
 from .people import People
 from .programs import ProgramRefused
@@ -41,7 +40,7 @@ STOPPED = 'STOP was pressed: release it again'
 
 
 class ShopLink:
-    """See `in_shop.InShop`. Runs in the web thread; what blocks goes to worker threads."""
+    """See `operations.InShop`. Runs in the web thread; what blocks goes to worker threads."""
 
     def __init__(self, shop: Shop, place: Place, notifier: Notifier) -> None:
         self.shop, self.place, self.notifier = shop, place, notifier

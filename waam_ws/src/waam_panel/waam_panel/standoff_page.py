@@ -13,9 +13,8 @@ from waam_shop.roles import Role
 from .api import number
 from .cell import CELL, Cell
 from .commanding import BadRequest, command_routes
-from .operations import Refused
+from .operations import Refused, StandoffSettings
 from .routes import Route
-from .standoff_settings import StandoffSettings
 
 LIMITS_MM = {
     'set_mm': (5.0, 400.0), 'up_mm': (0.0, 20.0), 'down_mm': (0.0, 20.0), 'wander_mm': (0.0, 5.0),

@@ -24,8 +24,7 @@ from urllib.parse import urlsplit
 from waam_node import stop_socket
 
 from .gate import BACKLOG, Gate
-from .known_tokens import KnownTokens
-from .security import COOKIE, Denied, Guard, open_tokens, tls_context
+from .security import COOKIE, Denied, Guard, KnownTokens, open_tokens, tls_context
 
 PATH = '/api/stop'
 HEAD = 8192  # bytes of request line and headers

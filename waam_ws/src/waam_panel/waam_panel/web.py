@@ -206,7 +206,6 @@ def make_app(cell: Cell) -> web.Application:
     """All routes."""
     app = web.Application(middlewares=[_checks])
     app[CELL] = cell
-    app[program_page.PROGRAMS] = program_page.programs_of(cell)
     routes.add(app, ALL_ROUTES)
     return app
 

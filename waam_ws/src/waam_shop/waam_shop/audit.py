@@ -11,8 +11,10 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from waam_process.rows import row_of
 
 FIRST = '0' * 64
 LONGEST = 200  # letters of a text in an entry
@@ -68,22 +70,10 @@ class Entry:
 def parse(line: bytes) -> Entry:
     """One line without its end. Raises AuditError; never anything else, whatever the bytes are."""
     try:
-        row = json.loads(line.decode('utf-8'), parse_constant=_refuse)
-    except (ValueError, RecursionError):
-        raise AuditError('not JSON') from None
-    if not isinstance(row, dict) or set(row) != {f.name for f in fields(Entry)}:
-        raise AuditError('other fields than those of an entry')
-    kinds: dict[str, Any] = {
-        'n': int, 'missing': int, 'utc': (int, float), 'data': dict,
-    }  # fmt: skip
-    for name, value in row.items():
-        if not isinstance(value, kinds.get(name, str)) or isinstance(value, bool):
-            raise AuditError(f'{name} has another type')
-    try:
-        entry = Entry(**row)
+        entry = row_of(Entry, json.loads(line.decode('utf-8'), parse_constant=_refuse))
         entry.computed()
     except (ValueError, RecursionError, TypeError):
-        raise AuditError('a value that cannot be hashed') from None
+        raise AuditError('no entry, or a value that cannot be hashed') from None
     return entry
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from waam_process.rows import fits
 from waam_process.safe_files import FileError, parse_json
 
 FIRST = 'cell'  # name of the cell that has none
 NAME = re.compile(r'[a-z][a-z0-9_]{0,30}')
 FRESH_S = 5.0  # a cell that has told nothing for longer is silent
+LONGEST = 500  # letters of a text
 UP, SILENT, DOWN = 'up', 'silent', 'down'
 
 
@@ -78,27 +79,6 @@ def parse(name: str, text: str) -> CellStatus:
     good: dict[str, Any] = {}
     for f in fields(CellStatus):
         value = data.get(f.name)
-        if f.name in data and f.name != 'name' and _fits(f.name, value):
-            good[f.name] = value
+        if f.name in data and f.name != 'name' and fits(value, str(f.type)):
+            good[f.name] = value[:LONGEST] if isinstance(value, str) else value
     return CellStatus(name, **good)
-
-
-_NUMBERS = ('utc', 'progress', 'time_left')
-_WHOLE = ('domain', 'layer', 'layers', 'severity')
-_YES_NO = ('simulated', 'down', 'connected', 'armed')
-
-
-def _fits(name: str, value: Any) -> bool:
-    if name == 'time_left' and value is None:
-        return True
-    if name in _YES_NO:
-        return isinstance(value, bool)
-    if isinstance(value, bool):
-        return False
-    if name in _WHOLE:
-        return isinstance(value, int)
-    if name in _NUMBERS:
-        return isinstance(value, int | float) and math.isfinite(value)
-    if name == 'queue':
-        return isinstance(value, dict) and all(isinstance(v, int) for v in value.values())
-    return isinstance(value, str) and len(value) <= 500

@@ -7,8 +7,10 @@ import time
 from dataclasses import asdict
 from typing import Any
 
+from waam_process.cli_options import Verbs, add_verb
+
 from .audit import Entry
-from .cli_common import add_json, add_name, shop_and_cell, show, table, when
+from .cli_common import JSON, NAME, shop_and_cell, show, table, when
 from .roles import ROLES, role_of
 from .shop_folder import Places, Shop
 
@@ -23,50 +25,35 @@ second when it is revoked.
 """
 
 
-def register(commands: argparse._SubParsersAction, places: Places) -> None:
+AUDIT = """\
+Shows the newest entries, or verifies the whole chain of hashes. Keep the hash that --verify prints somewhere else: with
+--expect it shows that nothing before it was rewritten."""
+
+
+def register(commands: Verbs, places: Places) -> None:
     """Adds the verbs `token` and `audit`."""
-    p = commands.add_parser(
-        'token',
-        help='tokens with roles for the panels: create, list, revoke',
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    text = 'tokens with roles for the panels: create, list, revoke'
+    p = add_verb(commands, 'token', text, description=None, epilog=EPILOG)
     verbs = p.add_subparsers(dest='verb', metavar='VERB', required=True)
-    q = verbs.add_parser('create', help='a new token, shown this once')
-    q.add_argument('who', help='whose it is, or what device')
-    q.add_argument('--role', choices=ROLES, required=True)
-    q.add_argument('--days', type=float, default=0.0, help='until it runs out (default 0: never)')
-    add_json(q)
+    q = add_verb(
+        verbs, 'create', 'a new token, shown this once', ('who', str, 'whose it is, or what device'),
+        ('--role', str, 'what it may', None, {'choices': ROLES, 'required': True}),
+        ('--days', 0.0, 'until it runs out (default 0: never)'), JSON,
+    )  # fmt: skip
     q.set_defaults(run_command=lambda args: _create(args, places))
-    q = verbs.add_parser('list', help='all tokens, without their secrets')
-    add_json(q)
+    q = add_verb(verbs, 'list', 'all tokens, without their secrets', JSON)
     q.set_defaults(run_command=lambda args: _list(args, places))
-    q = verbs.add_parser('revoke', help='out within a second, open pages too')
-    q.add_argument('who', help='name or id')
-    add_json(q)
+    q = add_verb(
+        verbs, 'revoke', 'out within a second, open pages too', ('who', str, 'name or id'), JSON
+    )
     q.set_defaults(run_command=lambda args: _revoke(args, places))
-    _register_audit(commands, places)
-
-
-def _register_audit(commands: argparse._SubParsersAction, places: Places) -> None:
-    p = commands.add_parser(
-        'audit',
-        help='every command that was given to a cell, and by whom',
-        description='Shows the newest entries, or verifies the whole chain of hashes. Keep the hash that --verify '
-        'prints somewhere else: with --expect it shows that nothing before it was rewritten.',
-    )
-    p.add_argument(
-        '--verify',
-        action='store_true',
-        help='exit status 1 when an entry was changed or is missing',
-    )
-    p.add_argument(
-        '--expect', default='', metavar='HASH', help='a hash that an earlier --verify has printed'
-    )
-    p.add_argument('--last', type=int, default=40, metavar='N', help='entries shown (default 40)')
-    add_json(p)
-    add_name(p)
-    p.set_defaults(run_command=lambda args: _audit(args, places))
+    q = add_verb(
+        commands, 'audit', 'every command that was given to a cell, and by whom',
+        ('--verify', False, 'exit status 1 when an entry was changed or is missing'),
+        ('--expect', '', 'a hash that an earlier --verify has printed', 'HASH'),
+        ('--last', 40, 'entries shown (default 40)', 'N'), JSON, NAME, description=AUDIT,
+    )  # fmt: skip
+    q.set_defaults(run_command=lambda args: _audit(args, places))
 
 
 def _create(args: argparse.Namespace, places: Places) -> int:

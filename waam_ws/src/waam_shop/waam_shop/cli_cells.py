@@ -6,19 +6,21 @@ import argparse
 import time
 from typing import Any
 
-from .cli_common import add_json, show, table
+from waam_process.cli_options import Verbs, add_verb
+
+from .cli_common import JSON, show, table
 from .shop_folder import Places, Shop
 
+TEXT = """\
+Reads what the panel of each cell tells once a second. Start a second cell beside the first one with
+waam up --name cell2. Exit status: 0; 1 when a cell is silent."""
 
-def register(commands: argparse._SubParsersAction, places: Places) -> None:
+
+def register(commands: Verbs, places: Places) -> None:
     """Adds the verb `cells`."""
-    p = commands.add_parser(
-        'cells',
-        help='all cells of the shop and what they do',
-        description='Reads what the panel of each cell tells once a second. Start a second cell beside the first one '
-        'with waam up --name cell2. Exit status: 0; 1 when a cell is silent.',
+    p = add_verb(
+        commands, 'cells', 'all cells of the shop and what they do', JSON, description=TEXT
     )
-    add_json(p)
     p.set_defaults(run_command=lambda args: _cells(args, places))
 
 

@@ -12,16 +12,14 @@ from typing import Any
 from .cells import check_name
 from .shop_folder import Places, Shop
 
-
-def add_name(p: argparse.ArgumentParser) -> None:
-    """Option --name or --cell: the cell that is meant."""
-    text = 'name of the cell (default: $WAAM_CELL, or cell)'
-    p.add_argument('--name', '--cell', dest='cell', metavar='CELL', help=text)
-
-
-def add_json(p: argparse.ArgumentParser) -> None:
-    """Option --json."""
-    p.add_argument('--json', action='store_true', help='JSON instead of a table, for scripts')
+NAME = (
+    '--name --cell',
+    str,
+    'name of the cell (default: $WAAM_CELL, or cell)',
+    'CELL',
+    {'dest': 'cell'},
+)
+JSON = ('--json', False, 'JSON instead of a table, for scripts')
 
 
 def shop_and_cell(args: argparse.Namespace, places: Places) -> tuple[Shop, str]:

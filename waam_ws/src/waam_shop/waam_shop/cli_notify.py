@@ -7,7 +7,9 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from .cli_common import add_json, add_name, shop_and_cell, show, table
+from waam_process.cli_options import Verbs, add_verb
+
+from .cli_common import JSON, NAME, shop_and_cell, show, table
 from .notifier import FILE, load, send
 from .notify_settings import EXAMPLE
 from .shop_folder import Places, Shop
@@ -19,22 +21,17 @@ report or message of this program.
 """
 
 
-def register(commands: argparse._SubParsersAction, places: Places) -> None:
+def register(commands: Verbs, places: Places) -> None:
     """Adds the verb `notify`."""
-    p = commands.add_parser(
-        'notify', help='messages to people: test, list, init', description=DESCRIPTION
-    )
+    text = 'messages to people: test, list, init'
+    p = add_verb(commands, 'notify', text, description=DESCRIPTION)
     verbs = p.add_subparsers(dest='verb', metavar='VERB', required=True)
-    q = verbs.add_parser('test', help='sends a test message to every target, or to one')
-    q.add_argument('--target', default='', metavar='NAME')
-    add_name(q)
-    add_json(q)
+    text = 'sends a test message to every target, or to one'
+    q = add_verb(verbs, 'test', text, ('--target', '', 'only this one', 'NAME'), NAME, JSON)
     q.set_defaults(run_command=lambda args: _test(args, places))
-    q = verbs.add_parser('list', help='targets and events, without addresses')
-    add_json(q)
+    q = add_verb(verbs, 'list', 'targets and events, without addresses', JSON)
     q.set_defaults(run_command=lambda args: _list(args, places))
-    q = verbs.add_parser('init', help='writes an example of notify.yaml')
-    add_json(q)
+    q = add_verb(verbs, 'init', 'writes an example of notify.yaml', JSON)
     q.set_defaults(run_command=lambda args: _init(args, places))
 
 

@@ -9,8 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from waam_process.cli_options import Options, Verbs, add_options, add_verb
+
 from .cells import FIRST
-from .cli_common import add_json, add_name, shop_and_cell, show, table, user, when
+from .cli_common import JSON, NAME, shop_and_cell, show, table, user, when
 from .job_queue import WAITING, Item, Queue
 from .shop_folder import Places
 
@@ -36,79 +38,54 @@ def shift(text: str) -> list[float]:
     return [float(v) for v in text.split(',')]
 
 
-FORM = {  # option -> field of the setup, what it is, help
-    'as-found': (
-        'as_found',
-        str,
-        'simulated cell: mesh of the worn part that will lie on the table',
-    ),
-    'mode': ('mode', str, 'restore (default) or build'),
-    'material': ('material', str, 'key of the material table'),
-    'loop-mode': ('loop_mode', str, 'open_loop, monitor or closed_loop (default)'),
-    'layers': ('layers', int, 'at most so many; 0 = as many as needed'),
-    'layer-height': ('layer_height_mm', float, 'mm'),
-    'bead-width': ('bead_width_mm', float, 'mm'),
-    'tolerance': ('tolerance_mm', float, 'mm'),
-    'k-gain': ('k_gain', float, 'authority of the correction'),
-    'passes': ('passes', int, 'restore only'),
-    'allowance': ('allowance_mm', float, 'mm, restore only'),
-    'operator': ('operator_name', str, 'who answers for the job'),
-    'wire-lot': ('wire_lot', str, 'from the spool'),
-    'gas': ('gas', str, 'kind, bottle'),
-    'job-name': ('name', str, 'short name in the folder of the job'),
-    'dialect': ('dialect', str, 'program: what its codes mean (waam plan --help)'),
-    'nominal': ('nominal', str, 'program: mesh of the part that it makes; closed_loop needs it'),
-    'shift': ('shift_mm', shift, 'program: X,Y,Z in mm that it is moved by'),
-}
+FORM: Options = (  # `dest` is the field of the setup, after form_
+    ('--as-found', str, 'simulated cell: mesh of the worn part that will lie on the table', 'FILE'),
+    ('--mode', str, 'restore (default) or build'), ('--material', str, 'key of the material table'),
+    ('--loop-mode', str, 'open_loop, monitor or closed_loop (default)'),
+    ('--layers', int, 'at most so many; 0 = as many as needed'),
+    ('--layer-height', float, 'mm', 'MM', {'dest': 'form_layer_height_mm'}),
+    ('--bead-width', float, 'mm', 'MM', {'dest': 'form_bead_width_mm'}),
+    ('--tolerance', float, 'mm', 'MM', {'dest': 'form_tolerance_mm'}),
+    ('--k-gain', float, 'authority of the correction'), ('--passes', int, 'restore only'),
+    ('--allowance', float, 'mm, restore only', 'MM', {'dest': 'form_allowance_mm'}),
+    ('--operator', str, 'who answers for the job', 'NAME', {'dest': 'form_operator_name'}),
+    ('--wire-lot', str, 'from the spool'), ('--gas', str, 'kind, bottle'),
+    ('--job-name', str, 'short name in the folder of the job', 'NAME', {'dest': 'form_name'}),
+    ('--dialect', str, 'program: what its codes mean (waam plan --help)'),
+    ('--nominal', str, 'program: mesh of the part that it makes; closed_loop needs it', 'FILE'),
+    ('--shift', str, 'program: X,Y,Z in mm that it is moved by', 'X,Y,Z', {'dest': 'form_shift_mm', 'type': shift}),
+)  # fmt: skip
 
 
-def register(commands: argparse._SubParsersAction, places: Places) -> None:
+def register(commands: Verbs, places: Places) -> None:
     """Adds the verb `queue` with its sub-verbs."""
-    p = commands.add_parser(
-        'queue',
-        help='jobs that wait for a cell: add, list, move, remove, release, hold',
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    text = 'jobs that wait for a cell: add, list, move, remove, release, hold'
+    p = add_verb(commands, 'queue', text, description=None, epilog=EPILOG)
     verbs = p.add_subparsers(dest='verb', metavar='VERB', required=True)
-    _register_add(verbs, places)
-    q = verbs.add_parser('list', help='what waits, runs and has ended')
-    _done(q, lambda args: _list(args, places))
+    text = 'mesh of the part, or a program (G-code); stored beside the uploads of the panel'
+    q = add_verb(verbs, 'add', 'a job at the end of the queue', ('part', Path, text), NAME, JSON)
+    for names, kind, told, *more in FORM:
+        further = more.pop() if more and isinstance(more[-1], dict) else {}
+        field = {'dest': f'form_{names[2:].replace("-", "_")}'} | further
+        add_options(q, (names, kind, told, *(more or [names[2:].upper()]), field))
+    q.set_defaults(run_command=lambda args: _add(args, places))
+    q = add_verb(verbs, 'list', 'what waits, runs and has ended', NAME, JSON)
+    q.set_defaults(run_command=lambda args: _list(args, places))
     for verb, text in (
         ('remove', 'takes an item out'),
         ('release', 'its part lies on the table: it may start, once'),
         ('hold', 'takes a release back'),
         ('move', 'to another place among those that wait'),
     ):
-        q = verbs.add_parser(verb, help=text)
-        q.add_argument('id', type=int, help='number of the item')
+        q = add_verb(verbs, verb, text, ('id', int, 'number of the item'), NAME, JSON)
         if verb == 'move':
-            q.add_argument('place', type=int, help='1 = the next one')
-        _done(q, lambda args: _steer(args, places))
-
-
-def _done(p: argparse.ArgumentParser, run: Any) -> None:
-    add_name(p)
-    add_json(p)
-    p.set_defaults(run_command=run)
-
-
-def _register_add(verbs: argparse._SubParsersAction, places: Places) -> None:
-    q = verbs.add_parser('add', help='a job at the end of the queue')
-    q.add_argument(
-        'part',
-        type=Path,
-        help='mesh of the part, or a program (G-code); stored beside the uploads of the panel',
-    )
-    for option, (field, kind, text) in FORM.items():
-        name = option.upper().replace('-', '_')
-        q.add_argument(f'--{option}', dest=f'form_{field}', metavar=name, type=kind, help=text)
-    _done(q, lambda args: _add(args, places))
+            add_options(q, ('place', int, '1 = the next one'))
+        q.set_defaults(run_command=lambda args: _steer(args, places))
 
 
 def _add(args: argparse.Namespace, places: Places) -> int:
     shop, cell = shop_and_cell(args, places)
-    given = {f: getattr(args, f'form_{f}') for f, _, _ in FORM.values()}
+    given = {k.removeprefix('form_'): v for k, v in vars(args).items() if k.startswith('form_')}
     setup = {k: v for k, v in given.items() if v is not None}
     kind = 'program' if places.is_program(args.part) else 'part'
     for other in ('as_found', 'nominal'):

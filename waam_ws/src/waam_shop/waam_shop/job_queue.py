@@ -8,11 +8,11 @@ first: the panel starts again, or another job is started by hand.
 from __future__ import annotations
 
 import json
-import math
 import re
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from waam_process.rows import RowError, row_of
 from waam_process.safe_files import FileError, parse_json
 
 WAITING, RELEASED, RUNNING = 'waiting', 'released', 'running'
@@ -195,24 +195,16 @@ class Queue:
         return item
 
 
-def _refuse(constant: str) -> float:
-    raise ValueError(constant)  # NaN and infinity are no JSON
-
-
-_KINDS = {'id': int, 'setup': dict, 'added': float}
 _SHA = re.compile(r'[0-9a-f]{64}|')
 
 
 def _item(row: Any) -> Item:
-    if not isinstance(row, dict) or set(row) != {f.name for f in fields(Item)}:
-        raise QueueError('an item has other fields')
-    for name, value in row.items():
-        kind = _KINDS.get(name, str)
-        good = isinstance(value, kind) or (kind is float and isinstance(value, int))
-        if not good or isinstance(value, bool):
-            raise QueueError(f'an item: {name} is not {kind.__name__}')
-    if row['state'] not in (*OPEN, *ENDED):
-        raise QueueError(f'an item has the state {row["state"][:20]!r}')
-    if row['id'] < 1 or not math.isfinite(row['added']) or not _SHA.fullmatch(row['sha256']):
-        raise QueueError('an item: id, time or hash cannot be')
-    return Item(**row)
+    try:
+        item = row_of(Item, row)
+    except RowError as e:
+        raise QueueError(f'an item: {e}') from None
+    if item.state not in (*OPEN, *ENDED):
+        raise QueueError(f'an item has the state {item.state[:20]!r}')
+    if item.id < 1 or not _SHA.fullmatch(item.sha256):
+        raise QueueError('an item: id or hash cannot be')
+    return item

@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
-import math
 import re
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from waam_process.rows import RowError, row_of
 from waam_process.safe_files import FileError, parse_json
 
 from .roles import ROLES, Role, role_of
@@ -122,27 +122,19 @@ def shown(id: str, secret: str) -> str:
 
 def _token(number: int, row: Any) -> Token:
     where = f'token {number} of the file'
-    if not isinstance(row, dict):
-        raise TokenError(f'{where}: an object is wanted')
-    wrong = sorted(set(row) ^ set(Token.__dataclass_fields__))
-    if wrong:
-        raise TokenError(f'{where}: missing or unknown: {", ".join(map(str, wrong))[:80]}')
-    token = Token(**row)
+    try:
+        token = row_of(Token, row)
+    except RowError as e:
+        raise TokenError(f'{where}: {e}') from None
     _check(token, where)
     return token
 
 
 def _check(token: Token, where: str) -> None:
     for name, pattern in (('id', ID), ('name', NAME), ('sha256', HASH)):
-        value = getattr(token, name)
-        if not isinstance(value, str) or not pattern.fullmatch(value):
-            raise TokenError(f'{where}: {name}: {str(value)[:40]!r} is not allowed')
+        if not pattern.fullmatch(value := getattr(token, name)):
+            raise TokenError(f'{where}: {name}: {value[:40]!r} is not allowed')
     if token.role not in ROLES:
-        raise TokenError(
-            f'{where}: role {str(token.role)[:40]!r}, must be one of {", ".join(ROLES)}'
-        )
-    for name in ('created', 'expires'):
-        value = getattr(token, name)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not 0 <= value < math.inf:
-            raise TokenError(f'{where}: {name} is not a time')
+        raise TokenError(f'{where}: role {token.role[:40]!r}, must be one of {", ".join(ROLES)}')
+    if min(token.created, token.expires) < 0:
+        raise TokenError(f'{where}: created or expires is not a time')

@@ -1,5 +1,5 @@
 // Alarms: the newest one not acknowledged in the banner, all of them with what to do, and the table of all codes.
-import { $, day, element, post, text } from './api.js';
+import { $, day, element, makeTable, post, tableRow, text } from './api.js';
 
 let top = null;
 const KEPT = 200; // as the panel keeps
@@ -49,14 +49,9 @@ function entry(a) {
 
 export function acknowledgeTop() { if (top) post('acknowledge', { id: top.id }, { quiet: true }); }
 
-export function makeTable(tables) {
-  const table = element('table');
-  const row = (cells, tag) => { const r = element('tr'); r.append(...cells.map((c) => element(tag, c))); return r; };
-  table.append(row(['code', 'what', 'cause', 'what to do'], 'th'));
-  for (const [kind, codes] of Object.entries(tables)) {
-    for (const [code, a] of Object.entries(codes)) table.append(row([`${kind} ${code}`, a.title, a.cause, a.action], 'td'));
-  }
-  $('alarm-table').replaceChildren(table);
+export function showTable(tables) {
+  const lines = Object.entries(tables).flatMap(([kind, codes]) => Object.entries(codes).map(([code, a]) => tableRow([`${kind} ${code}`, a.title, a.cause, a.action])));
+  $('alarm-table').replaceChildren(makeTable(['code', 'what', 'cause', 'what to do'], lines));
 }
 
 export function bindAlarms(openPage) {

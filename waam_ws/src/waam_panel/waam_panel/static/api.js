@@ -34,17 +34,30 @@ export async function post(name, data = {}, { quiet = false, patience = 20000 } 
 }
 
 // STOP goes two ways at once: to the panel, and past it to a process with a port of its own. One that stops is enough.
-export function postStop() {
+function postStop() {
   const port = Number(document.querySelector('meta[name=stop-port]')?.content);
   const ways = [send('/api/stop', { method: 'POST', patience: 8000, headers: { 'X-Waam-Csrf': csrf } })];
   if (port) ways.push(send(`//${location.hostname}:${port}/api/stop`, { method: 'POST', patience: 8000, credentials: 'include' }));
   const stopped = (way) => way.then((answer) => (answer.ok ? answer : Promise.reject(answer)));
   return Promise.any(ways.map(stopped)).catch((e) => e.errors[0]);
 }
+export async function stop() {
+  const answer = await postStop();
+  if (answer.ok) toast(answer.message);
+  else toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
+}
 
-export const upload = (file) => send(`/api/parts?name=${encodeURIComponent(file.name)}`, {
-  method: 'POST', body: file, headers: { 'X-Waam-Csrf': csrf }, patience: 120000,
-});
+// A field that takes a file: sends it, says what came of it, and calls `done` with the name that it got.
+export function bindUpload(id, path, done) {
+  $(id).addEventListener('change', async (e) => {
+    const file = e.target.files[0];
+    if (!file) return;
+    const answer = await send(`/api/${path}?name=${encodeURIComponent(file.name)}`, { method: 'POST', body: file, headers: { 'X-Waam-Csrf': csrf }, patience: 120000 });
+    toast(answer.message, !answer.ok);
+    e.target.value = '';
+    if (answer.ok) done(answer.name);
+  });
+}
 
 export async function get(path) {
   try {
@@ -60,6 +73,27 @@ export function element(tag, content = '', style = '') {
   e.textContent = content;
   if (style) e.className = style;
   return e;
+}
+// A row of cells; what is no element becomes the text of one.
+export function tableRow(cells, tag = 'td', style = '') {
+  const r = element('tr', '', style);
+  r.append(...cells.map((c) => (c instanceof Node && ['TD', 'TH'].includes(c.tagName) ? c : element(tag, String(c)))));
+  return r;
+}
+export function makeTable(heads, lines) {
+  const table = element('table');
+  table.append(tableRow(heads, 'th'), ...lines);
+  return table;
+}
+export function reportLink(address) {
+  const a = element('a', 'Report');
+  a.href = address; a.target = '_blank'; a.rel = 'noopener';
+  return a;
+}
+// Choices of a field: [value, label], or labels that are their own values; what was chosen stays where it can.
+export function fill(select, choices, chosen = select.value) {
+  select.replaceChildren(...choices.map((c) => { const [value, label] = Array.isArray(c) ? c : [c, c], o = element('option', label); o.value = value; return o; }));
+  if ([...select.options].some((o) => o.value === chosen)) select.value = chosen;
 }
 // Rows of name, value and, where it is not that of the table, the section that the value comes from (see sources.js).
 export function rows(table, triples) {

@@ -1,5 +1,5 @@
 // All jobs together: filters, the chart of a figure with its limits, the newest rows.
-import { $, element, fixed, text } from './api.js';
+import { $, element, fill, fixed, makeTable, reportLink, tableRow, text } from './api.js';
 import { colour, prepare } from './plots.js';
 
 const FILTERS = ['part', 'material', 'wire_lot', 'operator', 'verdict', 'since'];
@@ -28,36 +28,24 @@ async function ask() {
 
 function fillFigures(list) {
   figures = list;
-  const kept = $('a-figure').value;
-  $('a-figure').replaceChildren(...list.map(([name, said, unit]) => {
-    const o = element('option', unit ? `${said}, ${unit}` : said);
-    o.value = name;
-    return o;
-  }));
-  $('a-figure').value = kept || 'rms';
+  fill($('a-figure'), list.map(([name, said, unit]) => [name, unit ? `${said}, ${unit}` : said]), $('a-figure').value || 'rms');
 }
 
 function showRows(found) {
   const broken = (found.chart.signals || []).map((s) => `${s.rule}: ${s.text} (${s.points.length} points)`);
   const shown = found.count > found.jobs.length ? `, the newest ${found.jobs.length} are shown` : '';
   text('archive-note', [`${found.count} jobs${shown}.`, found.chart.message || broken.join('; ') || 'No rule is broken.', ...found.said].join(' '));
-  const table = element('table'), head = element('tr');
-  head.append(...['when (UTC)', 'part', 'verdict', 'RMS, mm', 'in tolerance', 'operator, lot', ''].map((h) => element('th', h)));
-  table.append(head, ...found.jobs.map(row));
+  const table = makeTable(['when (UTC)', 'part', 'verdict', 'RMS, mm', 'in tolerance', 'operator, lot', ''], found.jobs.map(row));
   $('archive-list').replaceChildren(found.jobs.length ? table : element('p', 'No job fits.', 'note'));
 }
 
 function row(j) {
-  const r = element('tr'), link = element('td'), share = j.share_in_tolerance;
+  const link = element('td'), share = j.share_in_tolerance;
   const cells = [(j.created || '–').slice(0, 16).replace('T', ' '), `${j.part || '–'} ${j.material || ''}`, j.verdict || '–', fixed(j.rms_mm, 3),
     share === null ? '–' : `${fixed(100 * share, 1)} %`, [j.operator, j.wire_lot].filter(Boolean).join(', ') || '–'];
+  if (j.report) link.append(reportLink(encodeURI(j.report)));
+  const r = tableRow([...cells, link]);
   r.title = j.job;
-  r.append(...cells.map((c) => element('td', c)), link);
-  if (j.report) {
-    const a = element('a', 'Report');
-    a.href = encodeURI(j.report); a.target = '_blank'; a.rel = 'noopener';
-    link.append(a);
-  }
   return r;
 }
 

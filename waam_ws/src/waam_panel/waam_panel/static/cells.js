@@ -1,5 +1,5 @@
 // All cells at a glance and the queue of this one: asked for once a second, drawn anew where something has changed.
-import { $, day, duration, element, get, post, postStop, text, toast } from './api.js';
+import { $, day, duration, element, get, post, stop, tableRow, text } from './api.js';
 
 const WAITING = 'waiting', RELEASED = 'released', RUNNING = 'running';
 const ranks = { view: 1, operate: 2, maintain: 3 };
@@ -53,11 +53,11 @@ function acts(item, place, count) {
 function rows(queue) {
   const waiting = queue.items.filter((i) => i.state === WAITING).map((i) => i.id), count = waiting.length;
   return queue.items.map((item) => {
-    const open = [WAITING, RELEASED, RUNNING].includes(item.state), row = element('tr', '', open ? item.state : 'ended');
+    const open = [WAITING, RELEASED, RUNNING].includes(item.state);
     const state = element('td', item.state), by = item.released_by ? `${item.by}, released by ${item.released_by}` : item.by;
     state.append(element('span', item.note || item.job, 'note'));
-    row.append(element('td', String(item.id)), element('td', `${item.part} ${item.material}`), state, element('td', by), acts(item, waiting.indexOf(item.id) + 1, count));
-    return row;
+    const cells = [item.id, `${item.part} ${item.material}`, state, by, acts(item, waiting.indexOf(item.id) + 1, count)];
+    return tableRow(cells, 'td', open ? item.state : 'ended');
   });
 }
 
@@ -78,9 +78,8 @@ async function log() {
   if (!found) return;
   text('log-verdict', found.problems.length ? `BROKEN: ${found.problems[0]}` : `${found.entries} entries, unbroken`);
   $('log').replaceChildren(...found.newest.reverse().map((e) => {
-    const row = element('tr'), values = Object.entries(e.data).map(([k, v]) => `${k}=${v}`).join(', ');
-    row.append(...[day(e.utc), `${e.who} (${e.via})`, e.what, e.outcome, [values, e.note].filter(Boolean).join('; ')].map((c) => element('td', c)));
-    return row;
+    const values = Object.entries(e.data).map(([k, v]) => `${k}=${v}`).join(', ');
+    return tableRow([day(e.utc), `${e.who} (${e.via})`, e.what, e.outcome, [values, e.note].filter(Boolean).join('; ')]);
   }));
 }
 
@@ -91,12 +90,6 @@ async function me() {
   text('me', `${who.who}: ${who.role}`);
   $('log-box').hidden = role < ranks.maintain;
   if (role >= ranks.maintain) { await log(); setInterval(log, 10000); }
-}
-
-async function stop() {
-  const answer = await postStop();
-  if (answer.ok) toast(answer.message);
-  else toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
 }
 
 $('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });

@@ -1,6 +1,6 @@
 // The page: binds buttons and keys, shows every frame of the stream.
-import { $, duration, element, fixed, get, post, postStop, rows, text, toast } from './api.js';
-import { acknowledgeTop, bindAlarms, clearAlarms, makeTable, showAlarms } from './alarms.js';
+import { $, duration, element, fixed, get, makeTable, post, reportLink, rows, stop, tableRow, text } from './api.js';
+import { acknowledgeTop, bindAlarms, clearAlarms, showAlarms, showTable } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
 import { bindPrograms, drawProgram, programs } from './programs.js';
 import { showHeader } from './header.js';
@@ -19,11 +19,6 @@ const drawPlots = makePlots($('plots'));
 
 // ---- commands
 
-async function stop() {
-  const answer = await postStop();
-  if (answer.ok) toast(answer.message);
-  else toast(`STOP: ${answer.message}. Use the emergency stop button.`, true);
-}
 const pause = () => (running ? post('pause') : stop());
 const GAIN = 0.2; // where the buttons start when the correction server uses its own
 
@@ -175,25 +170,17 @@ async function jobs() {
   if (!list) return;
   clearTimeout(again);
   if (page === 'jobs' && list.length && !list[0].report && !running) again = setTimeout(jobs, 1500); // the job still writes its report
-  const table = element('table'), head = element('tr');
-  head.append(...['job', 'state', 'verdict', 'RMS, mm', 'material, loop mode', 'time', ''].map((h) => element('th', h)));
-  table.append(head, ...list.map((j) => {
-    const row = element('tr'), link = element('td');
-    row.append(...[j.id, j.state, j.verdict || '–', fixed(j.rms_mm, 3), `${j.material} ${j.loop_mode}`, duration(j.duration_s)].map((c) => element('td', c)));
-    if (j.report) {
-      const a = element('a', 'Report');
-      a.href = `/jobs/${encodeURIComponent(j.id)}/report.html`; a.target = '_blank'; a.rel = 'noopener';
-      link.append(a);
-    }
+  const lines = list.map((j) => {
+    const link = element('td');
+    if (j.report) link.append(reportLink(`/jobs/${encodeURIComponent(j.id)}/report.html`));
     if (j.can_go_on) {
       const goOn = element('button', 'Go on');
       goOn.addEventListener('click', () => post('load_job', { id: j.id }));
       link.append(' ', goOn);
     }
-    row.append(link);
-    return row;
-  }));
-  $('job-list').replaceChildren(list.length ? table : element('p', 'No jobs yet.', 'note'));
+    return tableRow([j.id, j.state, j.verdict || '–', fixed(j.rms_mm, 3), `${j.material} ${j.loop_mode}`, duration(j.duration_s), link]);
+  });
+  $('job-list').replaceChildren(list.length ? makeTable(['job', 'state', 'verdict', 'RMS, mm', 'material, loop mode', 'time', ''], lines) : element('p', 'No jobs yet.', 'note'));
 }
 
 async function begin() {
@@ -203,6 +190,6 @@ async function begin() {
   theme(kept === 'dark');
   follow(onFrame, (past) => { addPast(past); redraw(); }, onLost);
   const found = await choices();
-  if (found) { factors = found.override_limits; makeSteps($('steps'), found.steps_mm); makeTable(found.alarms); }
+  if (found) { factors = found.override_limits; makeSteps($('steps'), found.steps_mm); showTable(found.alarms); }
 }
 begin();

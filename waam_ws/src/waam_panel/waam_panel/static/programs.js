@@ -1,5 +1,5 @@
 // G-code: choose or upload a program, its checks, its layers from above, load, start.
-import { $, duration, element, get, post, text, toast } from './api.js';
+import { $, bindUpload, duration, element, fill, get, makeTable, post, tableRow, text } from './api.js';
 import { limit, readFields } from './numbers.js';
 import { colour, prepare } from './plots.js';
 
@@ -7,20 +7,14 @@ const AXES = ['x', 'y', 'z'];
 const MARKS = { good: '✓', warning: '!', bad: '✗', open: '–' };
 let found = null, beads = [], asked = 0;
 
-function fill(select, values) {
-  const kept = select.value;
-  select.replaceChildren(...values.map(([value, label]) => { const o = element('option', label); o.value = value; return o; }));
-  if (values.some(([v]) => v === kept)) select.value = kept;
-}
-
 export async function programs() {
   const list = await get('/api/programs');
   if (!list) return;
   const named = (files) => files.map((f) => [f.name, `${f.name} (${f.kb} kB)`]);
   fill($('g-program'), list.programs.length ? named(list.programs) : [['', 'no program yet: upload one']]);
   fill($('g-nominal'), [['', 'none: monitor'], ...named(list.parts)]);
-  fill($('g-dialect'), list.dialects.map((d) => [d, d]));
-  fill($('g-material'), list.materials.map((m) => [m, m]));
+  fill($('g-dialect'), list.dialects);
+  fill($('g-material'), list.materials);
   for (const axis of AXES) limit($(`g-${axis}`), [-list.shift_mm, list.shift_mm]);
   const first = !$('g-loop_mode').value;
   fill($('g-loop_mode'), list.loop_modes);
@@ -55,11 +49,7 @@ async function look() {
 
 function showChecks(answer) {
   const checks = answer.ok ? answer.checks : [];
-  $('g-checks').replaceChildren(...checks.map((c) => {
-    const row = element('tr', '', c.level);
-    row.append(element('td', `${MARKS[c.level]} ${c.name}`), element('td', c.line ? `line ${c.line}` : ''), element('td', c.text));
-    return row;
-  }));
+  $('g-checks').replaceChildren(...checks.map((c) => tableRow([`${MARKS[c.level]} ${c.name}`, c.line ? `line ${c.line}` : '', c.text], 'td', c.level)));
   if (!answer.ok) { text('g-note', answer.message); return; }
   const t = answer.totals, said = answer.good ? 'Nothing stands against a start.' : 'It cannot be started: see below.';
   const more = t.arc_time_s === undefined ? '' : ` ${t.arc_time_s < 120 ? `${Math.round(t.arc_time_s)} s` : duration(t.arc_time_s)} of arc, ${t.wire_m} m of wire.`;
@@ -76,14 +66,8 @@ async function showLayer() {
     const l = found.layers[number - 1];
     text('g-layer-note', answer.ok ? `z ${l.z_mm} mm, ${l.beads} beads, ${l.length_mm} mm with the arc on, from line ${l.line}` : answer.message);
   } else { beads = []; text('g-layer-note', ''); }
-  const table = element('table'), head = element('tr');
-  head.append(...['bead', 'lines', 'mm', 'mm/s'].map((h) => element('th', h)));
-  table.append(head, ...beads.slice(0, 200).map((b, i) => {
-    const row = element('tr');
-    row.append(...[`${i + 1}`, `${b.line} – ${b.last_line}`, `${b.length_mm}`, `${b.speed_mm_s}`].map((v) => element('td', v)));
-    return row;
-  }));
-  $('g-beads').replaceChildren(...(beads.length ? [table] : []));
+  const lines = beads.slice(0, 200).map((b, i) => tableRow([i + 1, `${b.line} – ${b.last_line}`, b.length_mm, b.speed_mm_s]));
+  $('g-beads').replaceChildren(...(beads.length ? [makeTable(['bead', 'lines', 'mm', 'mm/s'], lines)] : []));
   drawProgram();
 }
 
@@ -115,16 +99,6 @@ async function send(name, patience) {
   if (data) text('g-note', (await post(name, data, { patience })).message);
 }
 
-async function store(file) {
-  const csrf = document.querySelector('meta[name=csrf]').content;
-  try {
-    const answer = await fetch(`/api/programs?name=${encodeURIComponent(file.name)}`, {
-      method: 'POST', body: file, headers: { 'X-Waam-Csrf': csrf }, credentials: 'same-origin',
-    });
-    return await answer.json();
-  } catch { return { ok: false, message: 'the panel cannot be reached' }; }
-}
-
 export function bindPrograms() {
   window.addEventListener('resize', drawProgram);
   $('g-look').addEventListener('click', look);
@@ -134,15 +108,5 @@ export function bindPrograms() {
   $('g-load').addEventListener('click', () => send('program/load', 190000));
   $('g-start').addEventListener('click', async () => text('g-note', (await post('program/start', {}, { patience: 130000 })).message));
   $('g-enqueue').addEventListener('click', () => send('queue_add', 20000));
-  $('g-upload').addEventListener('change', async (e) => {
-    const file = e.target.files[0];
-    if (!file) return;
-    const answer = await store(file);
-    toast(answer.message, !answer.ok);
-    e.target.value = '';
-    if (!answer.ok) return;
-    await programs();
-    $('g-program').value = answer.name;
-    look();
-  });
+  bindUpload('g-upload', 'programs', async (name) => { await programs(); $('g-program').value = name; look(); });
 }

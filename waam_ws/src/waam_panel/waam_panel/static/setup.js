@@ -1,26 +1,21 @@
 // Set up: choose or upload a part, load, preview.
-import { $, element, get, post, text, toast, upload } from './api.js';
+import { $, bindUpload, fill, get, post, text } from './api.js';
 import { limit, readFields } from './numbers.js';
 
 const WORDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'operator_name', 'wire_lot', 'gas', 'name'];
 const NUMBERS = ['layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm'];
 let simulated = false;
 
-function fill(select, values, chosen) {
-  select.replaceChildren(...values.map(([value, label]) => { const o = element('option', label); o.value = value; return o; }));
-  if (chosen && values.some(([v]) => v === chosen)) select.value = chosen;
-}
-
 export async function choices() {
   const found = await get('/api/choices');
   if (!found) return null;
   simulated = found.simulated;
   const parts = found.parts.map((p) => [p.name, `${p.name} (${p.kb} kB)`]);
-  fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']], $('f-part').value);
+  fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']]);
   const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
-  fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts], $('f-as_found').value);
-  fill($('f-loop_mode'), found.loop_modes, $('f-loop_mode').value);
-  fill($('f-material'), found.materials.map((m) => [m, m]), $('f-material').value);
+  fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts]);
+  fill($('f-loop_mode'), found.loop_modes);
+  fill($('f-material'), found.materials);
   for (const name of NUMBERS) limit($(`f-${name}`), found.limits[name]);
   return found;
 }
@@ -57,14 +52,5 @@ export function bindSetup() {
   $('preview').addEventListener('click', preview);
   $('enqueue').addEventListener('click', () => { const data = form(); if (data) post('queue_add', data); });
   $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
-  $('f-upload').addEventListener('change', async (e) => {
-    const file = e.target.files[0];
-    if (!file) return;
-    const answer = await upload(file);
-    toast(answer.message, !answer.ok);
-    e.target.value = '';
-    if (!answer.ok) return;
-    await choices();
-    $('f-part').value = answer.name;
-  });
+  bindUpload('f-upload', 'parts', async (name) => { await choices(); $('f-part').value = name; });
 }

@@ -1,5 +1,5 @@
 // The page Standoff: set, measured and correction as they are, and what the next jobs are held by.
-import { $, element, fixed, get, post, rows, text } from './api.js';
+import { $, fill, fixed, get, post, rows, text } from './api.js';
 import { limit, readFields } from './numbers.js';
 import { draw } from './plots.js';
 
@@ -20,7 +20,7 @@ export function bindStandoff() {
 export async function readStandoff() {
   const found = await get('/api/standoff');
   if (!found) return;
-  options($('s-source'), found.sources); options($('s-law'), found.laws);
+  fill($('s-source'), found.sources); fill($('s-law'), found.laws);
   for (const [name, limits] of Object.entries(found.limits_mm)) limit($(`s-${name}`), limits);
   if (found.ok) for (const name of NAMES) $(`s-${name}`).value = found[name] ?? '';
   ofTheArc();
@@ -37,10 +37,6 @@ async function apply() {
   if (!mm) return;
   const answer = await post('standoff', { source: $('s-source').value, law: $('s-law').value, ...mm });
   if (answer.ok) readStandoff();
-}
-
-function options(select, names) {
-  if (select.options.length !== names.length) select.replaceChildren(...names.map((n) => element('option', n)));
 }
 
 // old, machineOld: why they cannot be believed; running: null = not known
