@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import atexit
 import os
-import sys
 import tempfile
 from functools import cache
 from pathlib import Path
