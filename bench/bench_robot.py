@@ -6,22 +6,6 @@ robot.ik_us: processor time per pose for all eight branches; baseline: Pinocchio
 as its documentation does, one solution from a start 0.3 rad away. Its share of solved poses goes to stderr.
 robot.table_deg: largest deviation from table 2.2 of source 003 in degrees; robot.table_mm: from its forward values and
 table 3.4; baselines: asked for.
-robot.oval_error_ratio: oval of 500 mm with 5 % ovality, largest miss of the wire tip, split over robot alone, mean of
-20 machines with errors in every axis (waam_robot/accuracy.py), program taught at its first point; baseline: the
-source's 0.16 / 0.36 mm. robot.oval_untaught_ratio: the same without teaching, where the split cannot help.
-robot.flips_in_bead: beads of 500 random parts of two beads whose joint path changes the side of shoulder, elbow or
-wrist or jumps, judged by the places of the links; parts that were refused go to stderr; baseline: asked for.
-robot.wide_refused: of 200 random level parts within 0.8 m of the turn axis, how many are refused; baseline: with the
-usual turn of the positioner alone.
-robot.collisions: 500 random parts of three beads whose joint path and ways between the beads are planned without
-contacts (arm, torch, positioner, beads laid before), judged by points, plain distances and Pinocchio's frames: parts in
-which something touches; baseline: asked for. How many were refused, for how many of these the second method agrees, the
-least distances, and in how many of 20 ways it finds a contact that was put there go to stderr; without all 20 there is
-no figure.
-robot.speed_error_pct: six parts at 10 mm/s, how far the torch's speed at the part is off on 99 % of the way, by forward
-kinematics of arm and positioner; the worst part; baseline: asked for. robot.plan_ms_per_point: time of their
-joint paths with branches, collisions and timing, per point (every 0.1 mm of bead); baseline: asked for.
-
 robot.program_path_um: programs for Fanuc, KUKA and ABB of six planned parts, without positioner and with one that
 turns, read back and run on arm and positioner: largest distance between the path with the arc on and that of the plan;
 baseline: asked for. robot.program_rounded_um: the same with a tolerance of 20 um and corners rounded off by 200 um;
@@ -44,9 +28,7 @@ baseline: as `waam plan --machine robot` predicts it from the stated errors. rob
 it (beyond a plane) when it is estimated from the known surface around the map; robot.map_off_mm: the same with height
 and slope, which may be those of the part; baselines: before. robot.turning_m: longest box of 0.12 x 0.1 m over the turn
 axis that the arm serves at least 15 deg off a stretched wrist, the part turning as `turn_choice` has it; baseline: the
-part at rest. robot.posture_step_mm: RMS by which a place lies higher or lower when the torch is brought there with the
-positioner turned by 30 degrees from where the robot was taught, 40 robots; baseline: tolerance of the demo's jaw.
-robot.overhang_deg: steepest arm on a post
+part at rest. robot.overhang_deg: steepest arm on a post
 that is built with the part tilted (60, 70, 80, 85, 90 degrees, in the laboratory, seeds 3, 7, 11) with at most 0.3 mm
 RMS and no contact of arm or torch in its plan; baseline: the limit of the planner on a level part.
 """
@@ -90,86 +72,6 @@ def tables() -> None:
     emit(
         'robot.table_mm', max(found['forward_mm'], found['table_3_4_mm']), 'mm', 'asked for', WANTED
     )
-
-
-def ovals() -> None:
-    """Twenty machines."""
-    from lib.robot_cases import oval
-
-    found = oval(seeds(tuple(range(1, 21))))
-    for taught, name in ((True, 'robot.oval_error_ratio'), (False, 'robot.oval_untaught_ratio')):
-        alone, both = found[taught].mean(axis=0)
-        worst = (found[taught][:, 1] / found[taught][:, 0]).max()
-        print(
-            f'{name}: {alone * 1e3:.3f} mm alone, {both * 1e3:.3f} mm split, worst machine {worst:.2f}',
-            file=sys.stderr,
-        )
-        emit(name, both / alone, '1', 'source 003: 0.16 / 0.36 mm', 0.16 / 0.36)
-
-
-def random_plans() -> None:
-    """500 random parts."""
-    from lib.robot_parts import random_parts
-
-    flipped, planned, refused = random_parts(500)
-    print(f'robot.flips_in_bead: {planned} planned, {len(refused)} refused', file=sys.stderr)
-    for text in refused[:3]:
-        print(f'  {text}', file=sys.stderr)
-    emit('robot.flips_in_bead', float(flipped), '1', 'asked for', 0.0)
-
-
-def wide_plans() -> None:
-    """200 random level parts far from the turn axis."""
-    from lib.robot_parts import wide_parts
-
-    (usual, _), (refused, flipped) = (wide_parts(200, turns) for turns in (1, 8))
-    print(f'robot.wide_refused: {flipped} flips', file=sys.stderr)
-    emit('robot.wide_refused', float(refused), '1', 'usual turn', float(usual))
-
-
-def collisions() -> None:
-    """500 random parts, checked by a second method."""
-    from lib.robot_collisions import run
-
-    found = run(500, seeds((17,))[0])
-    print(
-        f'robot.collisions: {found.planned} planned, {found.refused} refused ({found.contacts} for a contact, '
-        f'{found.confirmed} of them too near by the second method as well), least distance '
-        f'{found.nearest * 1e3:.2f} mm in beads and {found.apart * 1e3:.2f} mm on {found.ways} ways between them, '
-        f'{len(found.no_way)} without such a way, {found.seconds / found.points * 1e3:.3f} ms per point; '
-        f'{found.caught} of {found.planted} planted contacts found',
-        file=sys.stderr,
-    )
-    for text in [*found.touching[:5], *found.no_way[:5]]:
-        print(f'  {text}', file=sys.stderr)
-    if not 0 < found.planted == found.caught:
-        raise SystemExit('robot.collisions: the second method misses contacts that were put there')
-    emit('robot.collisions', float(len(found.touching)), '1', 'asked for', 0.0)
-
-
-def plans() -> None:
-    """Six parts."""
-    from lib.robot_parts import PARTS, run
-
-    from waam_robot.joint_path import Machine
-
-    machine, results = Machine(), []
-    try:
-        run(PARTS['pad']()[:1], machine)  # loads toppra
-    except ValueError as e:
-        print(f'robot.speed_error_pct: {e}; scripts/setup.sh --robot does it', file=sys.stderr)
-        return
-    for name, make in PARTS.items():
-        r = run(make(), machine)
-        results.append(r)
-        print(
-            f'{name}: {r.points} points, {r.seconds / r.points * 1e3:.3f} ms each, 99 % of the way within '
-            f'{r.off:.3%}, {r.told:.2%} told to be slower, limits used {r.used:.2f}',
-            file=sys.stderr,
-        )
-    emit('robot.speed_error_pct', 100 * max(r.off for r in results), '%', 'asked for', 1.0)
-    per_point = sum(r.seconds for r in results) / sum(r.points for r in results) * 1e3
-    emit('robot.plan_ms_per_point', per_point, 'ms', 'asked for', 2.0)
 
 
 def program_paths(name: str, corner: float, tolerance: float, wanted: float) -> None:
@@ -304,23 +206,6 @@ def turned() -> None:
     emit('robot.turning_m', turning, 'm', 'the part at rest', still)
 
 
-def posture_steps() -> None:
-    """Forty robots."""
-    import numpy as np
-    from lib.robot_cell import shifts
-
-    numbers = seeds(tuple(range(1, 41)))
-    for turn, spin in ((10, 0), (30, 0), (0, 10), (0, 30), (30, 30)):
-        side, up = shifts(numbers, *np.radians([float(turn), float(spin)]))
-        print(
-            f'robot.posture_step_mm: positioner {turn} deg, torch {spin} deg: {side * 1e3:.3f} mm to the side, '
-            f'{up * 1e3:.3f} mm up',
-            file=sys.stderr,
-        )
-    up = shifts(numbers, np.radians(30.0), 0.0)[1]
-    emit('robot.posture_step_mm', up * 1e3, 'mm', 'tolerance of the jaw', 0.2)
-
-
 def overhangs() -> None:
     """Arms on a post."""
     import tempfile
@@ -346,7 +231,6 @@ FIGURES = {
     'robot.bend_left_mm': bent_found,
     'robot.map_off_mm': bent_found,
     'robot.turning_m': turned,
-    'robot.posture_step_mm': posture_steps,
     'robot.overhang_deg': overhangs,
     'robot.tcp_mm': calibrated,
     'robot.hand_eye_mm': calibrated,
@@ -355,13 +239,6 @@ FIGURES = {
     'robot.ik_us': inverse,
     'robot.table_deg': tables,
     'robot.table_mm': tables,
-    'robot.oval_error_ratio': ovals,
-    'robot.oval_untaught_ratio': ovals,
-    'robot.flips_in_bead': random_plans,
-    'robot.wide_refused': wide_plans,
-    'robot.collisions': collisions,
-    'robot.speed_error_pct': plans,
-    'robot.plan_ms_per_point': plans,
     'robot.program_path_um': exact_programs,
     'robot.program_rounded_um': rounded_programs,
     'robot.cell_speed_error_pct': cell_speed,

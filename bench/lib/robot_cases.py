@@ -6,12 +6,11 @@ import time
 
 import numpy as np
 
-from waam_robot.accuracy import AxisErrors, miss
 from waam_robot.arm import M20IB25, Arm, forward, link_frames
 from waam_robot.frames import pose_from_wpr, rotation
 from waam_robot.inverse import BRANCHES, solve
 from waam_robot.positioner import Positioner
-from waam_robot.split import Split, SplitLimits, split
+from waam_robot.split import split
 
 FORWARD = [
     ((0, 0, 0, 0, 0, 0), (1100, 0, -315), (1390, 0, -405)),
@@ -115,34 +114,3 @@ def table_errors() -> dict[str, float]:
         'table_3_4_mm': float(max(first)),
         'table_2_2_deg': float(np.abs(off).max()),
     }
-
-
-def oval(seeds: tuple[int, ...], points: int = 721) -> dict[bool, np.ndarray]:
-    """taught -> (seeds, 2): largest miss in m along the oval by the robot alone, and split."""
-    a = np.linspace(0, 2 * np.pi, points)
-    poses = np.tile(np.eye(4), (points, 1, 1))
-    poses[:, 0, 3] = OVAL / 2 * np.cos(a)
-    poses[:, 1, 3] = OVAL / 2 * (1 - OVALITY) * np.sin(a)
-    ways = [split(poses, CELL, SplitLimits(r_crit=9.0)), split(poses, CELL)]
-    theta = [_angles(way) for way in ways]
-    out = {}
-    for taught in (True, False):
-        out[taught] = np.array(
-            [
-                [
-                    np.linalg.norm(
-                        miss(M20IB25, CELL, t, w.b, w.c, AxisErrors().draw(seed), taught), axis=1
-                    ).max()
-                    for t, w in zip(theta, ways, strict=True)
-                ]
-                for seed in seeds
-            ]
-        )
-    return out
-
-
-def _angles(way: Split) -> np.ndarray:
-    """(N, 6): torch downwards, elbow up, no spin."""
-    held = way.robot.copy()
-    held[:, :3, :3] = rotation(0, np.pi)[:3, :3]
-    return np.unwrap(solve(M20IB25, held).theta[:, 0], axis=0)

@@ -230,36 +230,6 @@ def longest() -> tuple[float, float, str]:
     return best[0], best[1], '; '.join(said)
 
 
-def shifts(numbers: tuple[int, ...], turn: float, spin: float) -> tuple[float, float]:
-    """(to the side, up) m, RMS: by how much a place of the part lies elsewhere when the torch is brought there with the
-    positioner turned by `turn` and the torch by `spin` (rad) from where the robot was taught; over 100 x 80 mm on
-    simulated robots of the stated errors."""
-    from dataclasses import replace
-
-    from waam_robot.accuracy import AxisErrors, miss
-    from waam_robot.inverse import nearest_turns, solve
-    from waam_robot.station import Station, upright_poses
-    from waam_robot.turning import OVER, Turning, spun
-
-    station = Station()
-    place, arm = station.place, station.place.arm
-    grid = np.meshgrid(np.linspace(0.1, 0.2, 6), np.linspace(0.08, 0.16, 5), [0.03])
-    tips = np.stack(grid, -1).reshape(-1, 3)
-    usual = station.joints(np.vstack([ZERO, tips]))
-    poses = upright_poses(replace(place, turning=Turning(turn)), tips)
-    found = solve(arm, poses @ spun(station.spin + spin) @ OVER)
-    other = nearest_turns(arm, found.theta[:, station.branch], usual[0, :6])
-    theta = np.vstack([usual[:, :6], other])
-    c = np.concatenate([usual[:, 7], usual[1:, 7] + turn])
-    apart = []
-    for seed in numbers:
-        errors = AxisErrors().draw(seed)
-        off = miss(arm, place.positioner, theta, np.zeros(len(c)), c, errors)[1:]
-        apart.append(off[len(tips) :] - off[: len(tips)])
-    side, up = np.array(apart)[..., :2], np.array(apart)[..., 2]
-    return float(np.sqrt((side**2).sum(axis=-1).mean())), float(np.sqrt(np.mean(up**2)))
-
-
 def bends_found(numbers: tuple[int, ...]) -> dict[str, float]:
     """m and shares, over the middle 80 x 60 mm of maps of 120 x 90 mm by simulated robots, the true surface being known
     around it (cells every 4 mm, noise 0.03 mm, parts 0.1 mm, 1 mm per m off). bent, left: RMS beyond a plane before

@@ -17,13 +17,13 @@ from .arm import AXES
 from .frames import inverse
 from .station import StationError
 from .uncertain import WAVES, Stated
-from .urdf_arm import NEAR, UrdfChain
+from .urdf_arm import UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
 
 CLOSE = 1e-9  # m and rad
 NEXT = 3e-6  # m and rad: from there one Newton step leads closer than CLOSE (its error grows with the square)
 SMOOTH = 0.05  # rad between places whose difference leads on to the next place
-STEPS = 40
+STEPS, STEP_MAX = 40, 0.5  # Newton steps, and rad of a joint in one
 TINY = 1e-5  # rad and m, for slopes
 GRID = 50e-3  # m between the places of the box that are tried
 LEAST = 0.02  # smallest singular value of the Jacobian, m/rad: nearer to a singularity is not used
@@ -203,7 +203,11 @@ class UrdfStation:
         said = self._chain.beyond(q)
         if said:
             return said
-        size = float(np.linalg.svd(self._chain.jacobian(q)[:, self._moving], compute_uv=False)[-1])
+        size = float(
+            np.linalg.svd(self._chain.pose_and_jacobian(q)[1][:, self._moving], compute_uv=False)[
+                -1
+            ]
+        )
         return (
             f'it is too near to a singularity ({size:.4f}, at least {LEAST})'
             if size < LEAST
@@ -229,7 +233,7 @@ class UrdfStation:
                 return q
             j = jacobian[:, self._moving]
             step = j.T @ np.linalg.solve(j @ j.T + 1e-10 * np.eye(6), off)
-            q[self._moving] += step * min(1.0, NEAR / max(float(np.abs(step).max()), 1e-12))
+            q[self._moving] += step * min(1.0, STEP_MAX / max(float(np.abs(step).max()), 1e-12))
             if missing < NEXT:
                 return q
         return None
