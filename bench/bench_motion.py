@@ -15,10 +15,6 @@ of the bead shows none of it: a pool of 6 mm averages waves of 0.3 mm.
 motion.idle_jerk_ratio: greatest jerk of an idle leg as plans have it over that of one move (trapezoid) with the same
 highest speed and acceleration, at the steps, smoothed over 20 ms: the worst of legs of 14, 50 and 100 mm. Baseline:
 trapezoid, m/s^3.
-motion.joined_jerk_ratio: the same of a way of 80 mm by the general law, whose ends are given (lib/joined.py): from 10
-mm/s without acceleration to a joint with acceleration, and from there to a speed that is kept. motion.joined_speed_pct:
-greatest difference between the speed at the steps (mean of 20 ms) and that of the law, over the greatest speed.
-Baseline: one speed per part of the way.
 """
 
 from __future__ import annotations
@@ -250,26 +246,7 @@ def idle() -> None:
     emit('motion.idle_jerk_ratio', ratio, '', 'trapezoid, m/s^3', plain)
 
 
-def joined() -> None:
-    from lib.joined import drive
-
-    with shaken().Shaker(gantry_at_rest()) as shaker:
-        found = {name: drive(shaker, name, shaken().POINT) for name in ('law', 'plain')}
-    law, plain = (jerk(found[name].place) for name in ('law', 'plain'))
-    emit('motion.joined_jerk_ratio', law / plain, '', 'one speed per part, m/s^3', plain)
-    off = {name: 100 * run.speed_error() for name, run in found.items()}
-    emit('motion.joined_speed_pct', off['law'], '%', 'one speed per part', off['plain'])
-
-
-def gantry_at_rest():
-    from waam_sim.gantry import GantryParams
-
-    return GantryParams()
-
-
 FIGURES = {
-    'motion.joined_jerk_ratio': joined,
-    'motion.joined_speed_pct': joined,
     'motion.calibration_hz_error_pct': frequency,
     'motion.vibration_ratio': shaping,
     'motion.vibration_ratio_off': shaping,

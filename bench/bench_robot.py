@@ -6,11 +6,6 @@ robot.ik_us: processor time per pose for all eight branches; baseline: Pinocchio
 as its documentation does, one solution from a start 0.3 rad away. Its share of solved poses goes to stderr.
 robot.table_deg: largest deviation from table 2.2 of source 003 in degrees; robot.table_mm: from its forward values and
 table 3.4; baselines: asked for.
-robot.program_path_um: programs for Fanuc, KUKA and ABB of six planned parts, without positioner and with one that
-turns, read back and run on arm and positioner: largest distance between the path with the arc on and that of the plan;
-baseline: asked for. robot.program_rounded_um: the same with a tolerance of 20 um and corners rounded off by 200 um;
-baseline: their sum. Torch and file sizes go to stderr.
-
 On the simulated robot cell of the laboratory, with its servos, latency and errors:
 robot.cell_speed_error_pct: six beads at 10 mm/s on three cells each, how far the true speed of the torch is off on 99 %
 of the way that the arc burns; the worst bead; baseline: the same on the gantry. robot.rms_ratio: RMS height error of
@@ -72,35 +67,6 @@ def tables() -> None:
     emit(
         'robot.table_mm', max(found['forward_mm'], found['table_3_4_mm']), 'mm', 'asked for', WANTED
     )
-
-
-def program_paths(name: str, corner: float, tolerance: float, wanted: float) -> None:
-    """Worst of all parts, languages and positioners."""
-    from lib.robot_programs import programs
-
-    found = list(programs(corner, tolerance))
-    for post in sorted({f.post for f in found}):
-        some = [f for f in found if f.post == post]
-        worst = max(some, key=lambda f: f.path_um)
-        print(
-            f'{name}, {post}: {worst.path_um:.2f} um ({worst.part}, positioner {worst.positioner}), torch within '
-            f'{max(f.lean_deg for f in some):.4f} deg, {sum(f.size for f in some) / 1e6:.1f} MB in all',
-            file=sys.stderr,
-        )
-    emit(name, max(f.path_um for f in found), 'um', 'asked for', wanted)
-
-
-def exact_programs() -> None:
-    """As they are written by default."""
-    from waam_plan.robot.cell import RobotCell
-    from waam_plan.robot.motion import TOLERANCE
-
-    program_paths('robot.program_path_um', RobotCell().corner, TOLERANCE, 10.0)
-
-
-def rounded_programs() -> None:
-    """Corners rounded off for speed."""
-    program_paths('robot.program_rounded_um', 0.2e-3, 0.02e-3, 220.0)
 
 
 def cell_speed() -> None:
@@ -239,8 +205,6 @@ FIGURES = {
     'robot.ik_us': inverse,
     'robot.table_deg': tables,
     'robot.table_mm': tables,
-    'robot.program_path_um': exact_programs,
-    'robot.program_rounded_um': rounded_programs,
     'robot.cell_speed_error_pct': cell_speed,
     'robot.rms_ratio': cell_rms,
     'robot.arc_off_max_ms': cell_kills,

@@ -12,6 +12,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robot_line import sample
+from robot_read_fanuc import read_ls
 
 from waam_plan.lay.build import plan_build
 from waam_plan.lay.restore import plan_restoration
@@ -21,8 +23,7 @@ from waam_plan.post.compact import circle, compact, fragments, saving
 from waam_plan.post.gcode import with_base_feed
 from waam_plan.robot.cell import FanucSettings, RobotCell
 from waam_plan.robot.fanuc import write_ls
-from waam_plan.robot.motion import RobotProgramError, sample
-from waam_plan.robot.read_fanuc import read_ls
+from waam_plan.robot.motion import RobotProgramError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -11,6 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robot_read_abb import read_rapid
+from robot_read_fanuc import read_ls
+from robot_read_kuka import read_krl
+from robot_run import check, path_of, run
 
 from waam_plan.lay.restore import plan_restoration
 from waam_plan.plan import Plan, PlannedLayer
@@ -21,10 +25,6 @@ from waam_plan.robot.fanuc import write_ls
 from waam_plan.robot.kuka import write_krl
 from waam_plan.robot.motion import RobotProgramError, course
 from waam_plan.robot.poses import WIDEST_TURN, steps
-from waam_plan.robot.read_abb import read_rapid
-from waam_plan.robot.read_fanuc import read_ls
-from waam_plan.robot.read_kuka import read_krl
-from waam_plan.robot.run import check, path_of, run
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -11,17 +11,12 @@ Pair = tuple[float, float]
 
 DIRECTIONS = ('auto', 'x', 'y')
 ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
-OF_BUILDS = (
-    'compensation_height',
-    'shrinkage',
-    'teardrop',
-    'stiffener_spacing',
-    'overhang_passes',
-    'multi_level',
-)
+OF_BUILDS = ('compensation_height', 'shrinkage')
 STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
 LEVELS = ('equal', 'adaptive')
 OVERHANGS = ('refuse', 'flag')
+JUDGED_RIM = 1.0e-3  # m along the edge of what was laid, not judged
+MAX_LAYER_RATIO = 1.4  # thickest layer over layer_height
 IDLE_LAWS = ('harmonic', 'plain')
 
 
@@ -38,7 +33,6 @@ _LIMITS: dict[str, Pair] = {
     'speed_max': (1e-3, 0.05),
     'segment_length': (0.2e-3, 50e-3),
     'min_layer': (0.05, 0.95),
-    'max_layer_ratio': (1.0, 2.0),
     'tolerance': (0.0, 5e-3),
     'finish_height': (0.0, 5e-3),
     'finish_layers': (0, 5),
@@ -48,13 +42,8 @@ _LIMITS: dict[str, Pair] = {
     'smoothing': (0.0, 2.0),
     'edge_inset': (0.0, 1.0),
     'overrun': (0.0, 10e-3),
-    'judged_rim': (0.0, 20e-3),
     'pool_trail': (0.0, 20e-3),
-    'min_share': (0.05, 0.9),
-    'feed_floor': (0.0, 1.0),
     'start_spread': (0.0, 50e-3),
-    'lead_in': (0.0, 50e-3),
-    'lead_out': (0.0, 50e-3),
     'lead_in_metal': (0.3, 1.5),
     'lead_out_metal': (0.3, 2.0),
     'turn_deg': (0.0, 180.0),
@@ -67,11 +56,9 @@ _LIMITS: dict[str, Pair] = {
     'bead_time': (0.0, 600.0),
     'base_layers': (0, 100),
     'base_speed': (0.3, 1.0),
-    'adaptive_min': (0.3, 1.0),
     'cusp': (0.05e-3, 5e-3),
     'torch_radius': (0.0, 0.1),
     'idle_acceleration': (0.01, 50.0),
-    'idle_pieces': (1, 400),
     'idle_speed': (1e-3, 0.5),
     'scan_speed': (1e-3, 0.5),
     'clearance': (1e-3, 0.2),
@@ -82,7 +69,6 @@ _LIMITS: dict[str, Pair] = {
     'growth_step': (0.0, 1e-3),
     'voltage': (5.0, 60.0),
     'scanner_fov': (1e-3, 1.0),
-    'scanner_overlap': (0.0, 0.9),
     'wire_diameter': (0.5e-3, 5e-3),
     'efficiency': (0.3, 1.0),
     'arc_power': (100.0, 50e3),
@@ -90,11 +76,6 @@ _LIMITS: dict[str, Pair] = {
     'gas_flow': (0.0, 2e-3),
     'compensation_height': (0.0, 50e-3),
     'shrinkage': (-0.05, 0.05),
-    'stiffener_spacing': (0.0, 1.0),
-    'stiffener_length': (1e-3, 0.1),
-    'tangent_in': (0.0, 50e-3),
-    'tangent_out': (0.0, 50e-3),
-    'overhang_passes': (1, 5),
     'tilt_deg': (-100.0, 100.0),
 }
 
@@ -128,17 +109,13 @@ class PlanSettings:
     finish_height: float = 0.0  # of the finishing layers of a restoration; 0 = from the tolerance
     finish_layers: int = 3  # number of finishing layers, 0 = none
     finish_growth: float = 1.0  # thickness of a finishing layer over that of the one above it
-    max_layer_ratio: float = 1.4  # thickest layer over layer_height
     allowance: float = 0.0  # metal wanted above nominal, for machining
     # a scan of which nearly all lies lower than this is not one of a worn part, but lies in another place
     wear_limit: float = 15e-3
     smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
     edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
     overrun: float = 1.0e-3  # metal laid over the free sides of the part, to be machined off
-    judged_rim: float = 1.0e-3  # along the edge of what was laid, not judged
     pool_trail: float = 0.5e-3  # distance of the melt pool behind the arc
-    min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
-    feed_floor: float = 0.42  # of the nominal deposition rate; below it the torch goes faster
     direction: str = 'auto'  # of the beads: x, y, or auto = the longer side
     # none; reverse: even layers start opposite; cross: and turned by 90; turn: every layer by turn_deg
     alternation: str = 'reverse'
@@ -147,8 +124,6 @@ class PlanSettings:
     stagger: bool = False  # beads of every second layer lie over the valleys of the one below
     # least distance of arc starts in neighbouring layers, where possible
     start_spread: float = 5e-3
-    lead_in: float = 6e-3  # zone after an arc start in which lead_in_metal applies
-    lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
     lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
     lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
     # metal of the beads along the edge over what the schedule gives them; 0 = as the strategy needs it
@@ -162,8 +137,6 @@ class PlanSettings:
     base_layers: int = 1  # lowest layers of a build, laid slower on the cold substrate
     base_speed: float = 0.8  # of the nominal travel, in the base layers; the feed follows
     idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
-    # of a straight idle leg; more = the motion follows the law more closely, and longer programs
-    idle_pieces: int = 72
     idle_speed: float = 0.050  # fastest travel with the arc off
     idle_acceleration: float = 0.5  # m/s2, highest with the arc off
     # no metal higher than the clearance allows within this of an idle move
@@ -176,14 +149,12 @@ class PlanSettings:
     overhang: str = 'refuse'  # what is steeper; flag: warn and build it
     strategy: str = 'solid'  # how layers are filled, see below; shell = one bead along the surface
     levels: str = 'equal'  # of a build; adaptive: thinner layers on slanting faces
-    adaptive_min: float = 0.6  # thinnest adaptive layer over layer_height
     cusp: float = 0.8e-3  # largest step off a slanting face, adaptive layers
     foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
     # sections of a build that differ by less are planned once and repeated
     growth_step: float = 1e-6
     scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
     scanner_fov: float = 0.050  # width of a profile
-    scanner_overlap: float = 0.2  # of neighbouring scan passes, share of the field of view
     scanner_range: Pair = (-0.150, -0.100)  # measured z_s, lowest and highest
     machine_min: Triple = (-0.100, -0.080, -0.020)  # reach of torch_tcp in the work frame
     machine_max: Triple = (0.300, 0.220, 0.180)  # its other end
@@ -196,14 +167,6 @@ class PlanSettings:
     # of a build, metal below the part to be cut off; 0 = none, 10 to 15 mm where substrate and wire differ
     compensation_height: float = 0.0
     shrinkage: float = 0.0  # share by which a build shrinks when it cools; it is planned larger
-    teardrop: bool = False  # holes of a build that lie on their side end in a point
-    stiffener_spacing: float = 0.0  # of ribs across the thin walls of a build; 0 = none
-    stiffener_length: float = 10e-3  # of ribs, from the wall outwards
-    tangent_in: float = 0.0  # longest level way to a bead along its direction, arc off
-    tangent_out: float = 0.0  # the same from its end
-    overhang_passes: int = 1  # how often a bead of a build is laid that mostly overhangs
-    # sections of a build within growth_step of the one two below repeat its path, whatever the strategy
-    multi_level: bool = False
     # by which a robot's positioner tilts the part towards the robot, +x up (waam_robot.tilt); 0 = level
     tilt_deg: float = 0.0
     # the tilted part is held by a clamp over level ground at the work zero, not on the faceplate

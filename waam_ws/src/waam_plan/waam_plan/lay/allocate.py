@@ -15,9 +15,13 @@ from scipy.sparse import csc_array
 
 from waam_plan.fill.path import Pieces
 from waam_plan.masks import distance_inside
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
 from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec
+
+LEAD_OUT = 6e-3  # m before an arc end in which lead_out_metal applies
+
+LEAD_IN = 6e-3  # m after an arc start in which lead_in_metal applies
 
 ROUNDS, ITERATIONS = (
     3,
@@ -60,7 +64,7 @@ def metal_heights(
     if settings.edge_share != 1.0:
         height = height * np.where(along_edge(pieces, mask, spec, settings), settings.edge_share, 1)
     thinnest = 0.5 * settings.min_layer * settings.layer_height
-    limit = settings.max_layer_ratio * settings.layer_height if thickest is None else thickest
+    limit = MAX_LAYER_RATIO * settings.layer_height if thickest is None else thickest
     return np.clip(height, thinnest, limit)
 
 
@@ -229,6 +233,6 @@ def _lead_factor(pieces: Pieces, settings: PlanSettings) -> np.ndarray:
     into = middle - _chain_begin(pieces, np.cumsum(length) - length)
     mirror = Pieces(pieces.start[::-1], pieces.end[::-1], pieces.bead[::-1], pieces.chain[::-1])
     back = _chain_begin(mirror, np.cumsum(length)[::-1])[::-1] - middle
-    factor[into < settings.lead_in] *= settings.lead_in_metal
-    factor[back < settings.lead_out] *= settings.lead_out_metal
+    factor[into < LEAD_IN] *= settings.lead_in_metal
+    factor[back < LEAD_OUT] *= settings.lead_out_metal
     return factor

@@ -16,10 +16,9 @@ from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
 from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.schedule import finishing_layers
 from waam_plan.lay.travel import Ceiling, relaid
-from waam_plan.mesh.deform import Displacements, compensated
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_plan.slice.levels import Level, adaptive_levels, equal_levels
 from waam_plan.slice.section import raster
 from waam_process.grid import GridSpec, HeightGrid
@@ -32,14 +31,12 @@ def plan_build(
     settings: PlanSettings,
     layers: int = 0,
     spec: GridSpec | None = None,
-    warping: Displacements | None = None,
 ) -> Plan:
     """Plan a mesh on a flat substrate at z = 0 of the work frame.
 
     The part's lower corner is put to the work zero; where it leaves the machine there, its middle into the middle
     of the machine (Plan.offset says how far it was moved).
     layers: greatest number of layers, from the bottom; 0 = all. spec: grid of the maps, default around the part.
-    warping: how the process moves the metal; the part is bent against it.
     settings.strategy 'shell' lays one bead along the surface and accepts open meshes whose sections are closed.
     Raises PartError or PlanError with everything that is wrong: open mesh, too large, overhang, walls too thin,
     sections that vanish.
@@ -48,7 +45,12 @@ def plan_build(
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
     _check_mesh(part, settings)
     warnings: list[str] = []
-    part, remarks = compensated(part, settings, warping)
+    remarks: list[str] = []
+    if settings.shrinkage:
+        part = shapes.grown(part, settings.shrinkage)
+        remarks.append(
+            f'scaled by {1 / (1 - settings.shrinkage):.4f} against a shrinkage of {settings.shrinkage:.2%}'
+        )
     offset = _placing(part, spec, settings, warnings)
     placed = part.moved(offset)
     if settings.compensation_height > 0:
@@ -57,7 +59,7 @@ def plan_build(
     safe_z = sections[-1].z + sections[-1].thickness + settings.clearance
     spec = spec or _grid(placed, len(sections), settings, warnings)
     with collector_paused():
-        planned = _layers(sections, spec, safe_z, settings, remarks)
+        planned = _layers(sections, spec, safe_z, settings)
     warnings += near_starts([arc_starts(p.segments) for p in planned], settings.start_spread)
     plan = _assemble(part, planned, spec, safe_z, settings, offset, warnings, remarks)
     check_reach([s for layer in planned for s in layer.segments], settings)
@@ -74,7 +76,7 @@ def _checked_sections(
     remarks: list[str],
 ) -> list[Section]:
     """Sections of the layers. Raises with all that is wrong with size, sections, height and overhang."""
-    levels, base = _levels(placed, settings), shapes.base_layers(settings)
+    levels, base = _levels(placed, settings), shapes.compensation_layers(settings)
     needed = len(levels) + base
     if layers > needed:
         warnings.append(f'{layers} layers were asked for, {needed} are needed')
@@ -85,7 +87,7 @@ def _checked_sections(
     sections: list[Section] = []
     with _kept(wrong):
         sections = cut_sections(placed, levels, use, settings, warnings)
-        sections = shapes.shaped(sections, settings, remarks)[: layers or None]
+        sections = shapes.on_compensation(sections, settings, remarks)[: layers or None]
     if sections:
         top = sections[-1].z + sections[-1].thickness
         with _kept(wrong):
@@ -183,7 +185,6 @@ def _layers(
     spec: GridSpec,
     safe_z: float,
     settings: PlanSettings,
-    remarks: list[str],
 ) -> list[PlannedLayer]:
     """Layers from the bottom. One with the section of the layer two below (growth_step) repeats its path."""
     out: list[PlannedLayer] = []
@@ -193,13 +194,11 @@ def _layers(
     metal = np.zeros(spec.shape)
     supported = np.ones(spec.shape, bool)
     starts = np.zeros((0, 2))
-    repeated = 0
     for section in sections:
         known = references.get(section.number % 2)
         if known and _same(known[0], section, settings):
             metal[known[1].footprint] = section.z + section.thickness
             layer = _repeated(known[1], section, supported, metal, spec, safe_z, settings)
-            repeated += 1
         else:
             on = raster(section.polygons, spec)
             metal[on] = section.z + section.thickness
@@ -208,30 +207,21 @@ def _layers(
         out.append(layer)
         supported = layer.footprint
         starts = arc_starts(layer.segments)
-    if settings.multi_level:
-        remarks.append(
-            f'multi-level growth: {repeated} of {len(out)} layers repeat the path of the one two below '
-            f'(steps of up to {settings.growth_step * 1e3:.2g} mm)'
-        )
     return out
 
 
 def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
     """Whether two sections differ by at most growth_step and are filled alike.
 
-    Layers with closed lines (whose seam moves), as around a hole, repeat with multi_level only: then the seams of
-    neighbouring layers differ still, for a layer repeats the one two below. A turning angle never repeats.
+    Layers with closed lines (whose seam moves), as around a hole, and a turning angle never repeat.
     """
-    if settings.alternation == 'turn' or settings.overhang_passes > 1:
-        return False
-    if settings.strategy not in ('solid', 'zigzag', 'shell') and not settings.multi_level:
+    if settings.alternation == 'turn' or settings.strategy not in ('solid', 'zigzag', 'shell'):
         return False
     if len(a.polygons) != len(b.polygons) or abs(a.thickness - b.thickness) > 1e-9:
         return False
     if (a.number <= settings.base_layers) != (b.number <= settings.base_layers):
         return False
-    closed = any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons)
-    if closed and not settings.multi_level:
+    if any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons):
         return False
     pairs = zip(a.polygons, b.polygons, strict=True)
     return all(p.boundary.hausdorff_distance(q.boundary) <= settings.growth_step for p, q in pairs)
@@ -247,7 +237,7 @@ def _repeated(
     settings: PlanSettings,
 ) -> PlannedLayer:
     """The path of a layer at another height."""
-    ceiling = Ceiling.over(spec, metal, settings.torch_radius, layer.footprint)
+    ceiling = Ceiling.over(spec, metal, settings.torch_radius)
     segments = relaid(layer.segments, section.z, section.number, ceiling, safe_z, settings)
     planned, before, after = _surfaces(section, layer.footprint, supported)
     return PlannedLayer(
@@ -295,7 +285,6 @@ def _layer(
         metal=metal,
         inside=section.polygons,
         slower=settings.base_speed if section.number <= settings.base_layers else 1.0,
-        carried=supported if settings.overhang_passes > 1 else None,
     )
     return lay(task, chains, starts, spec=spec, safe_z=safe_z, settings=settings)
 
@@ -328,7 +317,7 @@ def _assemble(
         HeightGrid.full(spec, 0.0),
         HeightGrid(spec, top),
         region,
-        masks.judged(region, settings.judged_rim / res, settings.bead_width / res),
+        masks.judged(region, JUDGED_RIM / res, settings.bead_width / res),
         planned,
         safe_z,
         settings,

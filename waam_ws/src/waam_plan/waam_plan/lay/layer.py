@@ -37,9 +37,6 @@ class LayerTask:
     )
     slower: float = 1.0  # factor of the travel speed
     thickest: float | None = None  # m, of the layer at any place; None = by max_layer_ratio
-    carried: np.ndarray | None = (
-        None  # bool, cells with metal below; beads beside them are laid again
-    )
 
 
 def bead_direction(footprint: np.ndarray, settings: PlanSettings, turn: int) -> Point:
@@ -68,16 +65,14 @@ def lay(
     cover = task.footprint if task.cover is None else task.cover
     wanted = masks.spread(task.planned, task.footprint, cover)
     height = metal_heights(pieces, wanted, cover, spec, settings, task.thickest)
-    ceiling = Ceiling.over(spec, task.metal, settings.torch_radius, cover)
+    ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
     aside = (wanted.sum() - task.planned.sum()) * spec.resolution**2
     return PlannedLayer(
         number=task.number,
         planned=task.planned,
         target_before=task.before,
         target_after=task.after,
-        segments=to_segments(
-            pieces, height, task.number, ceiling, safe_z, settings, task.slower, task.carried
-        ),
+        segments=to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower),
         direction=bead_direction(task.footprint, settings, task.turn),
         footprint=task.footprint,
         beside=float(aside + edge_surplus(pieces, height, cover, spec, settings)),

@@ -24,7 +24,7 @@ from waam_plan.lay.allocate import SEEN, metal_heights, unevenness, waves
 from waam_plan.lay.forecast import growth, pieces_of
 from waam_plan.lay.travel import thinnest_bead
 from waam_plan.plan import PlannedLayer
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 
 # beads across beyond the fewest that are tried; with more, beads are so thin that a layer cannot lay less any more
@@ -55,7 +55,7 @@ def best(layers: Sequence[PlannedLayer], spec: GridSpec, settings: PlanSettings)
     if len(layers) == 1:
         return 0
     resolution = spec.resolution
-    rim, bead = settings.judged_rim / resolution, settings.bead_width / resolution
+    rim, bead = JUDGED_RIM / resolution, settings.bead_width / resolution
     seen = masks.judged(layers[0].planned > 0, rim, bead)
     return int(np.argmin([cost(layer, seen, spec, settings) for layer in layers]))
 

@@ -20,7 +20,7 @@ from waam_plan.lay.layer import LayerTask, lay
 from waam_plan.lay.layout import best, most_even
 from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
@@ -76,7 +76,7 @@ def plan_restoration(
         as_found,
         nominal,
         region,
-        masks.judged(region, settings.judged_rim / res, settings.bead_width / res)
+        masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
         & ~masks.flanks(wanted, res),
         planned,
         safe_z,

@@ -10,6 +10,8 @@ from waam_plan.plan import PlanError, check_reach, hop, numbered
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Point, Segment
 
+OVERLAP = 0.2  # of neighbouring scan passes, share of the field of view
+
 Rectangle = tuple[float, float, float, float]
 
 
@@ -28,7 +30,7 @@ def scan_lanes(y0: float, y1: float, settings: PlanSettings) -> np.ndarray:
     fov = settings.scanner_fov
     if y1 - y0 <= fov:
         return np.array([(y0 + y1) / 2])
-    step = fov * (1 - settings.scanner_overlap)
+    step = fov * (1 - OVERLAP)
     count = 1 + int(np.ceil((y1 - y0 - fov) / step - 1e-9))
     return np.linspace(y0 + fov / 2, y1 - fov / 2, count)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
 
 ADAPT = 0.15  # the common thickness may differ from the wanted one by this share
 SLIVER = 0.35  # bead widths: narrower arms of a region get no metal
@@ -94,7 +94,7 @@ def choose_schedule(depth: np.ndarray, settings: PlanSettings) -> Schedule:
     """
     tops = finishing_layers(settings)
     h = settings.layer_height * (ROUGHING if tops else 1.0)
-    thickest = settings.max_layer_ratio * h
+    thickest = MAX_LAYER_RATIO * h
     d = depth[np.isfinite(depth)] - sum(tops)
     d = d[d >= settings.min_layer * h]
     if d.size == 0:

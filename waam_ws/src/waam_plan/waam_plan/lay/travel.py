@@ -9,11 +9,12 @@ import numpy as np
 from scipy import ndimage
 
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.approach import Ground, laid_again, lead_in, lead_out
 from waam_plan.plan import base_feed, hop, leg
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Point, Segment
+
+FEED_FLOOR = 0.42  # of the nominal deposition rate; below it the torch goes faster
 
 Run = list[Segment]  # welded without putting the arc out
 
@@ -24,18 +25,13 @@ class Ceiling:
 
     spec: GridSpec
     z: np.ndarray
-    beside: np.ndarray  # metal beside the layer, not widened, -inf in the layer
 
     @classmethod
-    def over(
-        cls, spec: GridSpec, metal: np.ndarray, radius: float, layer: np.ndarray | None = None
-    ) -> Ceiling:
-        """metal: (rows, cols) m as it stands when the layer is done, NaN = nothing known there; layer: bool, its cells,
-        none by default."""
+    def over(cls, spec: GridSpec, metal: np.ndarray, radius: float) -> Ceiling:
+        """metal: (rows, cols) m as it stands when the layer is done, NaN = nothing known there."""
         z = np.where(np.isfinite(metal), metal, -np.inf)
         size = 2 * math.ceil(radius / spec.resolution) + 1
-        wide = ndimage.maximum_filter(z, size=size, mode='nearest')
-        return cls(spec, wide, z if layer is None else np.where(layer, -np.inf, z))
+        return cls(spec, ndimage.maximum_filter(z, size=size, mode='nearest'))
 
     def above(self, a: Point, b: Point) -> float:
         """Highest metal (m) below the straight way from a to b; -inf outside the grid."""
@@ -55,30 +51,26 @@ def to_segments(
     safe_z: float,
     settings: PlanSettings,
     slower: float = 1.0,
-    carried: np.ndarray | None = None,
 ) -> list[Segment]:
     """Segments of one layer from safe height to safe height, indices from 0.
 
-    height: (n,) m, metal of the pieces. slower: factor of the travel speed; the feed follows it by eq 2.17. carried:
-    (rows, cols) bool, cells with metal below: beads beside them are laid again (overhang_passes).
+    height: (n,) m, metal of the pieces. slower: factor of the travel speed; the feed follows it by eq 2.17.
     """
     speed = slower * programmed_speed(height, settings)
     runs = _runs(pieces, height, speed, layer, settings)
-    if carried is not None:
-        runs = laid_again(runs, carried, ceiling.spec, settings.overhang_passes)
     return connected(runs, layer, ceiling, safe_z, settings)
 
 
 def programmed_speed(height: np.ndarray, settings: PlanSettings) -> np.ndarray:
     """Travel speed (n,) m/s: nominal, faster where the deposition rate would fall below the floor."""
     share = height / settings.layer_height
-    faster = np.maximum(1.0, settings.feed_floor / np.maximum(share, 1e-6))
+    faster = np.maximum(1.0, FEED_FLOOR / np.maximum(share, 1e-6))
     return np.minimum(settings.speed * faster, settings.speed_max)
 
 
 def thinnest_bead(settings: PlanSettings) -> float:
     """Height (m) of a bead with the least feed at the highest programmed speed."""
-    return settings.feed_floor * settings.layer_height * settings.speed / settings.speed_max
+    return FEED_FLOOR * settings.layer_height * settings.speed / settings.speed_max
 
 
 def _runs(
@@ -131,24 +123,13 @@ def connected(
 ) -> list[Segment]:
     """All runs with idle moves between them, from safe height to safe height, numbered from 0."""
     out: list[Segment] = []
-    ground = Ground(ceiling.spec, ceiling.beside, settings)
-    leads = settings.tangent_in > 0 or settings.tangent_out > 0
-    into = lead_in(runs[0], ground, settings) if runs else []
-    for k, run in enumerate(runs):
-        start = into[0].start if into else run[0].start
-        if k == 0:
-            out += leg((*start[:2], safe_z), start, settings, layer)
-        out += [*into, *_with_leads(run, settings)]
-        if leads:
-            ground.lay(run)
-        off = lead_out(run, ground, settings)
-        out += off
-        end = off[-1].end if off else run[-1].end
-        into = lead_in(runs[k + 1], ground, settings) if k + 1 < len(runs) else []
-        after = (*end[:2], safe_z)
-        if k + 1 < len(runs):
-            after = into[0].start if into else runs[k + 1][0].start
-        z = ceiling.above(end, after) + settings.clearance if k + 1 < len(runs) else safe_z
+    if runs:
+        out += leg((*runs[0][0].start[:2], safe_z), runs[0][0].start, settings, layer)
+    for run, following in zip(runs, [*runs[1:], None], strict=True):
+        out += _with_leads(run, settings)
+        end = run[-1].end
+        after = following[0].start if following else (*end[:2], safe_z)
+        z = ceiling.above(end, after) + settings.clearance if following else safe_z
         moves = hop(end, after, min(max(z, end[2] + settings.clearance), safe_z), settings, layer)
         out += _rested(moves, run, settings)
     for i, s in enumerate(out):

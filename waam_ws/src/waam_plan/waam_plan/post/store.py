@@ -18,7 +18,11 @@ from waam_process.segment import Kind, Segment
 VERSION = 1
 _FLOATS = ('speed', 'dwell', 'height', 'width', 'speed_programmed', 'wire_feed_speed', 'voltage')
 _INTS = ('index', 'layer', 'bead')
-GONE = ('scanner_trails',)  # settings of older files that only told how the stored path came about
+GONE = {  # settings of older files that only told how the stored path came about
+    'scanner_trails', 'scanner_overlap', 'judged_rim', 'max_layer_ratio', 'min_share', 'feed_floor', 'lead_in',
+    'lead_out', 'idle_pieces', 'adaptive_min', 'teardrop', 'stiffener_spacing', 'stiffener_length', 'tangent_in',
+    'tangent_out', 'overhang_passes', 'multi_level',
+}  # fmt: skip
 
 
 def save_plan(plan: Plan, path: Path | str) -> None:

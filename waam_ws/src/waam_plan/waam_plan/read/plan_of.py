@@ -26,7 +26,7 @@ from waam_plan.read.motion import Motion, Program
 from waam_plan.read.place import check_machine
 from waam_plan.read.regime import doubts
 from waam_plan.read.way import Metal, check_way
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Point, Segment
@@ -320,7 +320,7 @@ def _assembled(
         HeightGrid(spec, base),
         nominal or HeightGrid(spec, top),
         region,
-        masks.judged(region, settings.judged_rim / res, settings.bead_width / res),
+        masks.judged(region, JUDGED_RIM / res, settings.bead_width / res),
         planned,
         highest + settings.clearance,
         settings,

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from waam_plan import masks
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 
 LEAST = 0.3e-3  # m; a thinner remainder is no layer
@@ -67,7 +67,7 @@ def targets_of(
     for cover, height in zip(covers[::-1], thick[::-1], strict=True):
         own = cover.ground + height
         if nominal is not None:
-            most = cover.ground + settings.max_layer_ratio * height
+            most = cover.ground + MAX_LAYER_RATIO * height
             own = np.where((nominal <= most) & (nominal >= cover.ground + LEAST), nominal, own)
         after = np.where(cover.footprint & ~np.isfinite(after), own, after)
         tops.append(np.where(cover.footprint, after, np.nan))

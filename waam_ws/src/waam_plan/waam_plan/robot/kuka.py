@@ -3,7 +3,7 @@
 Arc, wire and gas are the commands of KUKA.ArcTech: ARCON at the start of a bead, ARCSWI where its setpoints change,
 ARCOFF at its end, each with a record stArcDat_T (gas before and after, travel speed, channels of the welding device).
 A record counts from the end of its move on. Equal layers are one module, called with a lifted base. With a positioner
-E1 tilts and E2 turns, and the base moves with it (EK). `read_krl` of read_kuka reads programs back.
+E1 tilts and E2 turns, and the base moves with it (EK).
 """
 
 from __future__ import annotations

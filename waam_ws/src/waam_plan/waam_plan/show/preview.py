@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.settings import MAX_LAYER_RATIO
 from waam_plan.show.picture3d import draw_space
 
 if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
@@ -151,7 +152,7 @@ def _draw_layer(plan: Plan, layer: PlannedLayer, axis: Axes) -> None:
     """Metal as a map; path blue with the arc on, dashed grey without, starts green, ends red."""
     metal = np.where(layer.footprint, layer.planned, np.nan) * 1e3
     title = f'layer {layer.number}: {layer.beads} beads, {layer.arc_starts} arcs'
-    top = 1e3 * plan.settings.max_layer_ratio * plan.settings.layer_height
+    top = 1e3 * MAX_LAYER_RATIO * plan.settings.layer_height
     _map(plan, axis, metal, title, 'metal, mm', cmap='YlOrBr', vmin=0, vmax=top)
     runs: list[tuple[bool, list]] = []
     for s in layer.segments:

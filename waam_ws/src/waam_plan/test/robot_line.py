@@ -1,18 +1,51 @@
-"""A line of a program under a cursor. Errors name file, line and word."""
+"""Programs for robots as tests read them back: a move, and a line under a cursor. Errors name file, line, word."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from typing import NoReturn
 
-from waam_plan.robot.motion import RobotProgramError
+import numpy as np
+
+from waam_plan.robot.motion import RobotProgramError, course
+from waam_process.segment import Point
 
 NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?')
 NAME = re.compile(r'[A-Za-z_$][A-Za-z0-9_$]*')
 TEXT = re.compile(r'"[^"]*"')
 WORD = re.compile(r'\S+')
 DEEPEST = 6  # of data in data
+DOWN = (math.pi, 0.0, 0.0)  # W, P, R of an upright torch
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A line to `end`, or with `via` the arc through it.
+
+    speed, feed: m/s; voltage: V; feed and voltage are 0 with the arc off. wpr: W, P, R of the tool at the end, rad, its
+    z points out of the torch; external: B, C of the positioner at the end, rad, empty without one. zone: m before the
+    end at which the next move may begin, 0 = the robot stops there.
+    """
+
+    end: Point
+    via: Point | None
+    speed: float
+    arc: bool
+    feed: float
+    voltage: float = 0.0
+    wpr: Point = DOWN
+    external: tuple[float, ...] = ()
+    zone: float = 0.0
+
+
+def sample(start: Point, move: Motion, step: float = 0.2e-3) -> list[Point]:
+    """Points along a move (m) without its start, for checks and pictures."""
+    way = course(start, move)
+    n = max(1 if move.via is None else 2, math.ceil(way.length / step))
+    points = way.at(way.length * np.arange(1, n + 1) / n)
+    return [tuple(p) for p in points.tolist()]
 
 
 class Line:

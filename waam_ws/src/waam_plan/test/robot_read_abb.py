@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from waam_plan.robot.abb import wpr_of
+import numpy as np
+from robot_line import DEEPEST, NAME, TEXT, Line, Motion
+
 from waam_plan.robot.cell import RobotCell
-from waam_plan.robot.line import DEEPEST, NAME, TEXT, Line
-from waam_plan.robot.motion import Motion, RobotProgramError
+from waam_plan.robot.motion import RobotProgramError
 from waam_plan.robot.poses import Pose
+from waam_process.segment import Point
+from waam_robot.frames import wpr
 
 Value: TypeAlias = 'float | str | list[Value]'
 KINDS = ('robtarget', 'speeddata', 'zonedata', 'welddata', 'seamdata', 'wobjdata')
@@ -228,3 +231,16 @@ def _pose(line: Line, module: _Module, state: _State) -> Pose:
     x, y, z = (v * 1e-3 for v in place)
     external = tuple(math.radians(v) for v in outer[:2] if v < NO_AXIS)
     return Pose((x, y, z + state.lift), wpr_of((a, b, c, d)), external)
+
+
+def wpr_of(q: tuple[float, float, float, float]) -> Point:
+    """W, P, R of a quaternion of unit length, rad."""
+    w, x, y, z = q
+    frame = np.eye(4)
+    frame[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    a, b, c = wpr(frame).tolist()
+    return (a, b, c)

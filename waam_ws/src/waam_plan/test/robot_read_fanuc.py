@@ -6,9 +6,10 @@ import math
 import re
 from dataclasses import dataclass, field
 
+from robot_line import Line, Motion
+
 from waam_plan.robot.cell import RobotCell
-from waam_plan.robot.line import Line
-from waam_plan.robot.motion import Motion, RobotProgramError
+from waam_plan.robot.motion import RobotProgramError
 from waam_plan.robot.poses import Pose
 
 _PLACE = r'P\[(\d{1,9})\]'

@@ -7,9 +7,10 @@ import re
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from robot_line import DEEPEST, NAME, TEXT, Line, Motion
+
 from waam_plan.robot.cell import RobotCell
-from waam_plan.robot.line import DEEPEST, NAME, TEXT, Line
-from waam_plan.robot.motion import Motion, RobotProgramError
+from waam_plan.robot.motion import RobotProgramError
 from waam_plan.robot.poses import Pose
 
 Value: TypeAlias = 'float | str | dict[str, Value]'

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
+from robot_line import Motion
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
 from waam_plan.plan import Plan
 from waam_plan.robot.cell import RobotCell
-from waam_plan.robot.motion import Course, Motion, RobotProgramError, course
+from waam_plan.robot.motion import Course, RobotProgramError, course
 from waam_process.segment import Kind, Point
 from waam_robot.arm import M20IB25, Arm, forward, limit_text
 from waam_robot.frames import pose_from_wpr
