@@ -18,12 +18,8 @@ robot.tcp_mm, robot.hand_eye_mm: calibrations of 40 simulated robots with their 
 2 mm off along every axis. robot.calibration_coverage: share of the coordinates of both that lie within their 95 %
 interval; baseline: 0.95.
 
-robot.bend_mm: RMS by which the pose errors of 40 simulated robots bend a map of 80 x 60 mm, from their true poses;
-baseline: as `waam plan --machine robot` predicts it from the stated errors. robot.bend_left_mm: RMS of what is left of
-it (beyond a plane) when it is estimated from the known surface around the map; robot.map_off_mm: the same with height
-and slope, which may be those of the part; baselines: before. robot.turning_m: longest box of 0.12 x 0.1 m over the turn
-axis that the arm serves at least 15 deg off a stretched wrist, the part turning as `turn_choice` has it; baseline: the
-part at rest. robot.overhang_deg: steepest arm on a post
+robot.turning_m: longest box of 0.12 x 0.1 m over the turn axis that the arm serves at least 15 deg off a stretched
+wrist, the part turning as `turn_choice` has it; baseline: the part at rest. robot.overhang_deg: steepest arm on a post
 that is built with the part tilted (60, 70, 80, 85, 90 degrees, in the laboratory, seeds 3, 7, 11) with at most 0.3 mm
 RMS and no contact of arm or torch in its plan; baseline: the limit of the planner on a level part.
 """
@@ -143,26 +139,6 @@ def calibrated() -> None:
     emit('robot.calibration_coverage', float(inside.mean()), '1', 'stated', 0.95)
 
 
-def bent() -> None:
-    """Forty robots."""
-    from lib.robot_cell import bends
-
-    measured, told = bends(seeds(tuple(range(1, 41))))
-    emit('robot.bend_mm', measured * 1e3, 'mm', 'predicted', told * 1e3)
-
-
-def bent_found() -> None:
-    """Forty robots, their maps known around the worn place."""
-    from lib.robot_cell import bends_found
-
-    found = bends_found(seeds(tuple(range(1, 41))))
-    print(
-        f'robot.bend_left_mm: {found["inside"]:.1%} within 2 standard deviations', file=sys.stderr
-    )
-    emit('robot.bend_left_mm', found['left'] * 1e3, 'mm', 'as measured', found['bent'] * 1e3)
-    emit('robot.map_off_mm', found['off_left'] * 1e3, 'mm', 'as measured', found['off'] * 1e3)
-
-
 def turned() -> None:
     """Longest boxes, 0.12 m wide and 0.1 m high, over the turn axis."""
     from lib.robot_cell import longest
@@ -193,9 +169,6 @@ def overhangs() -> None:
 
 
 FIGURES = {
-    'robot.bend_mm': bent,
-    'robot.bend_left_mm': bent_found,
-    'robot.map_off_mm': bent_found,
     'robot.turning_m': turned,
     'robot.overhang_deg': overhangs,
     'robot.tcp_mm': calibrated,

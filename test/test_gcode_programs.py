@@ -300,7 +300,7 @@ def test_corrected_programs_reach_the_plan_on_leaning_axes(plans, name):
     errors = AxisErrors(
         *(math.radians(a) for a in (0.3, -0.2, 0.5, -0.4)), scale_x=1.002, scale_z=0.997
     )
-    rows = rows_of(correct_gcode(gcode(plans[name]), errors.correction()))
+    rows = rows_of(correct_gcode(gcode(plans[name]), errors.correction))
     real = [r.points[-1] @ errors.axes.T for r in rows if r.kind != 'rapid']
     wanted = [np.array(s.end) * 1e3 for s in motions(plans[name])]
     assert np.array(real) == pytest.approx(np.array(wanted), abs=MICROMETRE)

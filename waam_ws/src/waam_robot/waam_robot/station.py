@@ -16,13 +16,11 @@ import numpy as np
 from .arm import AXES, DEG, Arm, Link, in_limits, limit_text, step
 from .arm_choice import JUMP_MAX, OVER, STRETCH_MAX, WRIST_MIN, NoWay, Way, spun, ways
 from .frames import inverse
-from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
 from .plate_clearance import WANTED, PlateClearance
 from .positioner import Machine
 from .tilt import MOST, carriage
 from .turning import Turning
-from .uncertain import Stated
 
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
@@ -55,10 +53,6 @@ class Reach(Protocol):
     @property
     def gains(self) -> np.ndarray:
         """(n,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
-
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
-        deviation of every error."""
 
 
 @dataclass(frozen=True)
@@ -254,10 +248,6 @@ class Station:
         moved = [self.joints(grid + d) - self.joints(grid - d) for d in apart]
         return np.asarray(np.linalg.norm(moved, axis=0).max(axis=0)) / TINY
 
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """As `Reach.slopes`, for joints (N, 8)."""
-        return of_table(self, self.place.arm, np.asarray(joints, float), scanner, stated)
-
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
         for joints (N, 8). arm: another one than that of the place, for what errors of its links do."""
@@ -288,10 +278,6 @@ class Station:
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
         return self.frames(joints)[:, :3, 3]
-
-    def to_machine(self, joints: np.ndarray) -> np.ndarray:
-        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for joints (N, 8)."""
-        return self._to_machine(np.asarray(joints, float)[:, AXES:])
 
     def carried(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) m: where the tilt takes points (N, 3) that stand on the level faceplate, machine coordinates."""

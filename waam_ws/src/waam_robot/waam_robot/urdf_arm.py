@@ -8,8 +8,6 @@ import numpy as np
 
 from .urdf_text import PART, TORCH, UrdfError, check_urdf
 
-LENGTH = 1e-6  # m: less is no length
-
 
 class UrdfChain:
     """The joints between the links `part` and `torch` (its z axis points to the part). UrdfError for a bad file, for
@@ -40,17 +38,6 @@ class UrdfChain:
     def forward(self, joints: np.ndarray) -> np.ndarray:
         """(N, 4, 4): torch on the part for joints (N, n); z out of the part."""
         return np.stack([self.pose_and_jacobian(np.asarray(q, float))[0] for q in joints])
-
-    def lengthened(self, joints: np.ndarray, step: float) -> list[np.ndarray]:
-        """(N, 4, 4) as `forward` for each length of the chain but where it stands, that one `step` (m) longer."""
-        found = []
-        for placement in list(self._model.jointPlacements)[2:]:
-            for k in np.flatnonzero(np.abs(placement.translation) > LENGTH):
-                kept = placement.translation.copy()
-                placement.translation = kept + step * np.eye(3)[k]
-                found.append(self.forward(joints))
-                placement.translation = kept
-        return found
 
     def placements(self, joints: np.ndarray, links: tuple[str, ...]) -> np.ndarray:
         """(N, L, 4, 4): links in the frame of the first one of the file, for joints (N, n)."""

@@ -14,9 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .arm import AXES
-from .frames import inverse
 from .station import StationError
-from .uncertain import WAVES, Stated
 from .urdf_arm import UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
 
@@ -84,30 +82,6 @@ class UrdfStation:
         """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
         inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
         return self._chain.forward(inner)[:, :3, 3] - self._origin
-
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
-        deviation of every error: offsets and waves of the joints, lengths of the chain."""
-        inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
-        poses = self._chain.forward(inner)
-        seen = inverse(poses[0]) @ np.append(poses[0, :3, 3] + scanner, 1.0)
-
-        def heights(moved: np.ndarray) -> np.ndarray:
-            return np.asarray(moved[:, 2] @ seen)
-
-        per_rad, out = [], []
-        for n in range(inner.shape[1]):
-            apart = np.eye(inner.shape[1])[n] * TINY / 2
-            up, down = (heights(self._chain.forward(inner + sign * apart)) for sign in (1, -1))
-            per_rad.append((up - down) / TINY)
-        for n, slope in enumerate(per_rad):
-            out.append(slope * stated.offset)
-            waves = (f(k * inner[:, n]) for k in WAVES for f in (np.sin, np.cos))
-            out += [slope * wave * stated.wave / np.sqrt(2) for wave in waves]
-        level = heights(poses)
-        moved = self._chain.lengthened(inner, TINY)
-        out += [(heights(one) - level) / TINY * stated.length for one in moved]
-        return np.column_stack(out)
 
     @cached_property
     def gains(self) -> np.ndarray:

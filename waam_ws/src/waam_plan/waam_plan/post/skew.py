@@ -1,9 +1,8 @@
 """Axes that are neither square nor to scale: programs are distorted the opposite way, so that the part is true.
 
 A machine takes a commanded point c (mm, work frame) to the point A c, where the columns of A are its real axes. The
-exact correction commands A^-1 p for a wanted point p; the first-order forms of source 002 are offered by
-name (docs/equations.md, S2). The map is linear about the work zero. `skew_program` applies it to G-code.
-"""
+correction commands A^-1 p for a wanted point p (docs/equations.md, S2). The map is linear about the work zero.
+`skew_program` applies it to G-code."""
 
 from __future__ import annotations
 
@@ -12,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FORMS = ('exact', 'two_angles', 'one_angle')
 LARGEST = math.radians(10)
 
 
@@ -57,28 +55,10 @@ class AxisErrors:
         )
         return np.stack(columns, axis=1)
 
-    def correction(self, form: str = 'exact') -> np.ndarray:
-        """(3, 3) matrix from wanted to commanded points.
-
-        'exact': A^-1. 'two_angles': p - (x (cos b - 1) + y sin a, x sin b + y (cos a - 1)). 'one_angle': x - y sin a,
-        y cos a. The source's forms have the angles in the plane only and are right to first order.
-        """
-        if form == 'exact':
-            return np.linalg.inv(self.axes)
-        if form not in FORMS:
-            raise SkewError(f"form '{form}' is unknown; known are {', '.join(FORMS)}")
-        plain = AxisErrors(y_to_x=self.y_to_x, x_to_y=self.x_to_y)
-        if plain != self:
-            raise SkewError(f"form '{form}' knows angles in the plane only; use 'exact'")
-        a, b = self.y_to_x, self.x_to_y
-        if form == 'two_angles':
-            shift = np.array(
-                [[math.cos(b) - 1, math.sin(a), 0], [math.sin(b), math.cos(a) - 1, 0], [0, 0, 0]]
-            )
-            return np.eye(3) - shift
-        if b:
-            raise SkewError("form 'one_angle' knows y_to_x only; use 'exact' or 'two_angles'")
-        return np.array([[1, -math.sin(a), 0], [0, math.cos(a), 0], [0, 0, 1]])
+    @property
+    def correction(self) -> np.ndarray:
+        """(3, 3) matrix from wanted to commanded points: A^-1."""
+        return np.linalg.inv(self.axes)
 
 
 def angles_from_diagonals(side_x: float, side_y: float, rising: float, falling: float) -> float:

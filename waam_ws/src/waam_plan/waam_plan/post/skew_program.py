@@ -247,26 +247,3 @@ def _check(raw: str, codes: set[float], given: dict[str, float], number: int) ->
         raise SkewError(f'line {number}: G{unknown[0]:g}: is no move that can be corrected')
     if rest := ' '.join(_AROUND.sub('', _WORD.sub(' ', body)).split()):
         raise SkewError(f'line {number}: {rest[:24]}: cannot be read')
-
-
-def points_of(text: str) -> np.ndarray:
-    """(n, 3) points of the moves of a G-code text, in its units, arcs as chords; for pictures and checks.
-
-    Absolute moves count from where X, Y and Z are known; relative ones (G91) from an unknown place count from 0.
-    """
-    place = _Place()
-    out: list[np.ndarray] = []
-    for number, raw in enumerate(text.split('\n'), 1):
-        codes, given = place.read(raw)
-        if 92 in codes or not set(given) & set('XYZIJKR'):
-            continue
-        if place.relative:
-            place.wanted = np.nan_to_num(place.wanted)
-        corners = place.arc(given, number)
-        if corners is not None:
-            out.extend(corners[1:])
-            continue
-        place.go(given)
-        if np.isfinite(place.wanted).all():
-            out.append(place.wanted.copy())
-    return np.array(out).reshape(-1, 3)

@@ -10,7 +10,6 @@ import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.settings import MAX_LAYER_RATIO
-from waam_plan.show.picture3d import draw_space
 
 if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
     from matplotlib.axes import Axes
@@ -87,23 +86,20 @@ def table(plan: Plan) -> str:
 
 
 def draw(plan: Plan, path: Path | str) -> None:
-    """Writes a PNG: the path in space; beside it as-found depth, a section through the middle, path and planned metal
-    of up to six layers."""
+    """Writes a PNG: as-found depth, a section through the middle, path and planned metal of up to six layers."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     shown = _shown(plan)
     cols = 2 if len(shown) <= 2 else 3 if len(shown) <= 4 else 4
     rows = -(-(2 + len(shown)) // cols)
-    figure = Figure(figsize=(8.5 + 4.2 * cols, 3.8 * rows), layout='constrained')
+    figure = Figure(figsize=(4.2 * cols, 3.8 * rows), layout='constrained')
     FigureCanvasAgg(figure)
     figure.suptitle(
         f'{plan.name} ({plan.mode}): {len(plan.layers)} layers, {plan.beads} beads, {plan.arc_starts} arc starts, '
         f'{plan.wire:.1f} m wire, {plan.duration / 60:.1f} min'
     )
-    space, maps = np.asarray(figure.subfigures(1, 2, width_ratios=[8.5, 4.2 * cols]))
-    draw_space(plan, space.add_subplot(projection='3d'))
-    axes = [maps.add_subplot(rows, cols, i + 1) for i in range(2 + len(shown))]
+    axes = [figure.add_subplot(rows, cols, i + 1) for i in range(2 + len(shown))]
     _draw_depth(plan, axes[0])
     _draw_section(plan, axes[1])
     for axis, layer in zip(axes[2:], shown, strict=True):
