@@ -35,8 +35,8 @@ def compact() -> None:
     """A cylinder of 60 mm, 40 layers."""
     import trimesh
 
+    from waam_plan.gcode.compact import fragments, saving
     from waam_plan.mesh.part import load_part
-    from waam_plan.post.compact import fragments, saving
     from waam_plan.settings import PlanSettings
 
     with tempfile.TemporaryDirectory() as folder:
@@ -104,7 +104,7 @@ def restore_time() -> None:
     """A block with a ragged surface 12 mm below its nominal one; the best of three."""
     import numpy as np
 
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
     from waam_plan.settings import PlanSettings
     from waam_process.grid import GridSpec, HeightGrid
 
@@ -124,7 +124,7 @@ def restore_time() -> None:
 
 def timed(part, settings):
     """(plan, seconds) with the compact program written."""
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.robot.fanuc import write_ls
 
     start = time.perf_counter()

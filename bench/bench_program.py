@@ -66,9 +66,9 @@ def own_programs() -> list[str]:
     """A ring of our planner, plain and compact."""
     import trimesh
 
-    from waam_plan.lay.build import plan_build
+    from waam_plan.gcode.program import compact_gcode, gcode
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.part import load_part
-    from waam_plan.post.gcode import compact_gcode, gcode
     from waam_plan.settings import PlanSettings
 
     with tempfile.TemporaryDirectory(prefix='waam_bench_') as scratch:
@@ -80,7 +80,7 @@ def own_programs() -> list[str]:
 
 def others() -> list[tuple[str, str, str]]:
     """Name, text and dialect of the programs in the folder that `WAAM_PROGRAMS` names."""
-    from waam_plan.read.files import program_text
+    from waam_plan.import_gcode.files import program_text
 
     if not (folder := os.environ.get('WAAM_PROGRAMS')):
         print(

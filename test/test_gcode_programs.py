@@ -14,14 +14,14 @@ import pytest
 import trimesh
 from ament_index_python.packages import get_package_prefix
 
+from waam_plan.gcode.program import compact_gcode, gcode, with_base_feed
+from waam_plan.gcode.skew import AxisErrors
+from waam_plan.gcode.skew_program import correct_gcode
 from waam_plan.harmonic import HarmonicLaw
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
-from waam_plan.post.gcode import compact_gcode, gcode, with_base_feed
-from waam_plan.post.skew import AxisErrors
-from waam_plan.post.skew_program import correct_gcode
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -214,7 +214,7 @@ def loop_periods(watch: Endurance, run: dict) -> tuple[np.ndarray, np.ndarray]:
 def scan_moves(top: float) -> float:
     """Planned s of a scan of the block when it is `top` m high, from the height of idle moves."""
     from waam_job.ros.job_params import JobParams
-    from waam_plan.lay.scanning import scan_segments
+    from waam_plan.layers.scanning import scan_segments
     from waam_plan.settings import PlanSettings
 
     settings = PlanSettings()

@@ -94,7 +94,7 @@ def _flagged(case: Case, strategy: str, out: Result) -> None:
 
 
 def _plan(case: Case, overrides: dict, strategy: str, layers: int):
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.part import load_part
     from waam_plan.settings import PlanSettings
 

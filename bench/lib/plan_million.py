@@ -18,7 +18,7 @@ def main(points: int) -> None:
     """A tapered block of 280 x 200 mm, as high as the points need."""
     import trimesh
 
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.part import load_part
     from waam_plan.settings import PlanSettings
 

@@ -32,7 +32,7 @@ class Restored:
 def run(strategy: str = 'solid', **overrides) -> Restored:
     """Restore the scanned zone to a plane one layer above its crest."""
     from waam_plan import masks
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
     from waam_plan.mesh.clouds import read_cloud
     from waam_plan.mesh.inputs import flat
     from waam_plan.settings import PlanSettings

@@ -69,7 +69,7 @@ def build(degrees: float, seed: int, folder: Path) -> Wall:
 def contacts(part: Path, found: Path, degrees: float) -> int:
     """Of the plan on the robot."""
     from waam_lab.robot.robot_check import check
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
     from waam_plan.mesh.inputs import of_part
     from waam_plan.mesh.part import load_part
     from waam_plan.settings import PlanSettings

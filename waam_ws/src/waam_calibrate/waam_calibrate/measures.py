@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.post.skew import SkewError, angles_from_diagonals
+from waam_plan.gcode.skew import SkewError, angles_from_diagonals
 
 from .evidence import EvidenceError
 

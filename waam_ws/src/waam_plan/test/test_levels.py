@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.lay.build import plan_build
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings

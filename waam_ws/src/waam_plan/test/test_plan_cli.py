@@ -10,13 +10,13 @@ import trimesh
 from robot_read_fanuc import read_ls
 
 from waam_plan import cli, cli_robot
-from waam_plan.lay.build import plan_build
+from waam_plan.gcode.store import load_plan, save_plan
+from waam_plan.import_gcode.files import load_program
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
-from waam_plan.post.store import load_plan, save_plan
-from waam_plan.read.files import load_program
+from waam_plan.preview.picture import estimates, table
 from waam_plan.settings import PlanSettings
-from waam_plan.show.preview import estimates, table
 
 
 def parse(*words):

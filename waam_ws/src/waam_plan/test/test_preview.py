@@ -9,9 +9,9 @@ import pytest
 
 from waam_plan import cli
 from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.preview import picture as preview
+from waam_plan.preview.page import write_page
 from waam_plan.settings import PlanSettings
-from waam_plan.show import preview
-from waam_plan.show.page import write_page
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.heat import effective_power, heat_input
 from waam_process.segment import Kind, Segment

@@ -16,7 +16,7 @@ from robot_read_fanuc import read_ls
 from robot_read_kuka import read_krl
 from robot_run import check, path_of, run
 
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.robot import parts
 from waam_plan.robot.abb import write_rapid
@@ -512,6 +512,6 @@ def test_steps_know_the_way_of_an_arc(small):
 
 
 def steps_of(plan):
-    from waam_plan.post.compact import fragments
+    from waam_plan.gcode.compact import fragments
 
     return [s for f in fragments(plan) for s in steps(f.moves, TURNS)[1]]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_plan import cli_correct
-from waam_plan.lay.restore import plan_restoration
-from waam_plan.post.gcode import gcode
-from waam_plan.post.skew import AxisErrors, SkewError, angles_from_diagonals
-from waam_plan.post.skew_program import _Place, correct_gcode
+from waam_plan.gcode.program import gcode
+from waam_plan.gcode.skew import AxisErrors, SkewError, angles_from_diagonals
+from waam_plan.gcode.skew_program import _Place, correct_gcode
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 
 angle = st.floats(-0.05, 0.05)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_plan.harmonic import HarmonicLaw
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import base_feed, hop
 from waam_plan.settings import PlanSettings

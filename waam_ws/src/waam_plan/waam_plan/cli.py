@@ -236,7 +236,7 @@ def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
 
 def make_plan(args: argparse.Namespace) -> Plan:
     """The plan that the arguments ask for. Raises ValueError with a text for the user."""
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.clouds import is_cloud
     from waam_plan.mesh.part import load_part
 
@@ -292,7 +292,7 @@ def _flat(args: argparse.Namespace, settings: PlanSettings) -> Plan:
 def _restored(surfaces: Surfaces, args: argparse.Namespace, settings: PlanSettings) -> Plan:
     from dataclasses import replace
 
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
 
     plan = plan_restoration(surfaces.found, surfaces.nominal, settings, args.layers)
     remarks = [*surfaces.notes, *plan.remarks]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .post.skew import AxisErrors
+    from .gcode.skew import AxisErrors
 
 EPILOG = """\
 examples:
@@ -67,7 +67,7 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 def run(args: argparse.Namespace) -> int:
     """0, or 2 with one line of error."""
-    from .post import skew_program
+    from .gcode import skew_program
 
     try:
         errors = errors_from(args)
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
 
 def errors_from(args: argparse.Namespace) -> AxisErrors:
     """AxisErrors from the options. Raises SkewError."""
-    from .post import skew
+    from .gcode import skew
 
     angle = math.radians(args.y_to_x)
     if args.diagonals:

@@ -154,7 +154,7 @@ def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
 
 def write_robot(plan: Plan, args: argparse.Namespace) -> None:
     """Writes the files and tells what was saved. Raises ValueError."""
-    from waam_plan.post.compact import fragments, saving
+    from waam_plan.gcode.compact import fragments, saving
     from waam_plan.robot.motion import TOLERANCE
 
     cell = load_cell(args)

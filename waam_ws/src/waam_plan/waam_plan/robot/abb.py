@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from waam_plan.gcode.compact import Move
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Move
 from waam_plan.robot.cell import RobotCell
 from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, Setpoints, programs, welds

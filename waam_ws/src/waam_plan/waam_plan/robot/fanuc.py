@@ -20,9 +20,9 @@ import math
 import re
 from dataclasses import dataclass
 
+from waam_plan.gcode.compact import Move
+from waam_plan.gcode.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Move
-from waam_plan.post.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.robot.cell import TIME_BEFORE_MAX, RobotCell
 from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, programs

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.post.compact import Move, circle
+from waam_plan.gcode.compact import Move, circle
 from waam_process.segment import Point
 
 TOLERANCE = 4e-6  # m, between the moves of a program and the path of the plan; a corner of 6 um beside it makes 10

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from waam_plan.import_gcode.motion import Program
+from waam_plan.import_gcode.regime import doubts
 from waam_plan.plan import PlanError, check_reach
-from waam_plan.read.motion import Program
-from waam_plan.read.regime import doubts
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point, Segment
 

@@ -11,11 +11,11 @@ import numpy as np
 from waam_plan import masks
 from waam_plan.fill import contour, strategies
 from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
-from waam_plan.lay import shapes, sides
-from waam_plan.lay.coverage import Point3, Section, check_overhang, cut_sections
-from waam_plan.lay.layer import LayerTask, lay
-from waam_plan.lay.schedule import finishing_layers
-from waam_plan.lay.travel import Ceiling, relaid
+from waam_plan.layers import shapes, sides
+from waam_plan.layers.coverage import Point3, Section, check_overhang, cut_sections
+from waam_plan.layers.layer import LayerTask, lay
+from waam_plan.layers.schedule import finishing_layers
+from waam_plan.layers.travel import Ceiling, relaid
 from waam_plan.mesh.part import Part, PartError, check_fits
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused
 from waam_plan.settings import JUDGED_RIM, PlanSettings

@@ -20,9 +20,9 @@ from waam_plan.fill import path, strategies
 from waam_plan.fill.band import band_lines
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.allocate import SEEN, metal_heights, unevenness, waves
-from waam_plan.lay.forecast import growth, pieces_of
-from waam_plan.lay.travel import thinnest_bead
+from waam_plan.layers.allocate import SEEN, metal_heights, unevenness, waves
+from waam_plan.layers.forecast import growth, pieces_of
+from waam_plan.layers.travel import thinnest_bead
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from waam_plan.read.motion import Motion, Program
+from waam_plan.import_gcode.motion import Motion, Program
 from waam_process.materials import Material
 from waam_process.units import to_m_min
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
-from waam_plan.show.preview import LayerEstimate, estimates
+from waam_plan.preview.picture import LayerEstimate, estimates
 
 MOST_POINTS = 300_000  # drawn; longer programs are thinned out
 HERE = Path(__file__).parent

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from waam_plan.read.line_words import LineWords
-from waam_plan.read.words import ProgramError, refuse
+from waam_plan.import_gcode.line_words import LineWords
+from waam_plan.import_gcode.words import ProgramError, refuse
 
 MOST = 0.5  # share of the way of moves that name E; where more lays nothing, E is misread
 TOLD = 0.1  # share that wipes may have

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.allocate import footprints
+from waam_plan.layers.allocate import footprints
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_process.bead import bead_section

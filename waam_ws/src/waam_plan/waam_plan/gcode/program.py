@@ -9,8 +9,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from waam_plan.gcode.compact import TOLERANCE, Saving, circle, compact
 from waam_plan.plan import Plan, base_feed
-from waam_plan.post.compact import TOLERANCE, Saving, circle, compact
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Point, Segment
 

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from waam_plan.post.skew import SkewError
-from waam_plan.read import arc as arcs
+from waam_plan.gcode.skew import SkewError
+from waam_plan.import_gcode import arc as arcs
 from waam_process.segment import Point
 
 CHORD = 2e-6  # m, of an arc from the lines that take its place

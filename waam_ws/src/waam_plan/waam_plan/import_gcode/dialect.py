@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from waam_plan.read.words import ProgramError, Word, read_lines
+from waam_plan.import_gcode.words import ProgramError, Word, read_lines
 from waam_process.materials import UNITS
 
 PER_PATH = 'mm/mm'  # of wire per length of path: the wire follows F

@@ -2,7 +2,7 @@
 
 A slicer gives a line as much wire per length everywhere. That is too much where lines run close, as where infill
 overlaps a perimeter and inside turns, and too little at gaps. Plans of our own share the metal out by what each piece
-of path adds to the surface (`lay.allocate`); here the same is done for a path of others.
+of path adds to the surface (`layers.allocate`); here the same is done for a path of others.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.allocate import metal_heights
-from waam_plan.read.targets import Target
+from waam_plan.import_gcode.targets import Target
+from waam_plan.layers.allocate import metal_heights
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment

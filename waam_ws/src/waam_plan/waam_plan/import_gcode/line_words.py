@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from waam_plan.read.codes import GROUPS
-from waam_plan.read.dialect import Setting
-from waam_plan.read.words import Line, Word, refuse
+from waam_plan.import_gcode.codes import GROUPS
+from waam_plan.import_gcode.dialect import Setting
+from waam_plan.import_gcode.words import Line, Word, refuse
 
 MOST_TURNS = 1000
 

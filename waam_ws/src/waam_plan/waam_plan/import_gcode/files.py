@@ -7,10 +7,10 @@ from pathlib import Path
 
 import yaml
 
-from waam_plan.read.dialect import Dialect, DialectError, dialect_of
-from waam_plan.read.motion import Program
-from waam_plan.read.reader import read_program
-from waam_plan.read.words import ProgramError
+from waam_plan.import_gcode.dialect import Dialect, DialectError, dialect_of
+from waam_plan.import_gcode.motion import Program
+from waam_plan.import_gcode.reader import read_program
+from waam_plan.import_gcode.words import ProgramError
 from waam_plan.texts import text_of
 
 FOLDER = Path(__file__).with_name('dialects')

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 
-from waam_plan.read import arc as arcs
-from waam_plan.read.codes import GROUPS, HOMING, MOVES, OTHER_AXES, QUIET, WHY_NOT
-from waam_plan.read.dialect import Dialect, Setting
-from waam_plan.read.extrusion import Extrusion
-from waam_plan.read.line_words import LineWords
-from waam_plan.read.modal import AXES, Modal
-from waam_plan.read.motion import Motion, Program
-from waam_plan.read.words import Line, Passing, ProgramError, Word, read_lines, refuse
+from waam_plan.import_gcode import arc as arcs
+from waam_plan.import_gcode.codes import GROUPS, HOMING, MOVES, OTHER_AXES, QUIET, WHY_NOT
+from waam_plan.import_gcode.dialect import Dialect, Setting
+from waam_plan.import_gcode.extrusion import Extrusion
+from waam_plan.import_gcode.line_words import LineWords
+from waam_plan.import_gcode.modal import AXES, Modal
+from waam_plan.import_gcode.motion import Motion, Program
+from waam_plan.import_gcode.words import Line, Passing, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
 
 LONGEST_DWELL = 3600.0  # s

@@ -8,7 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from waam_plan import masks
-from waam_plan.lay.travel import Ceiling, connected
+from waam_plan.import_gcode import targets
+from waam_plan.import_gcode.layers import Bead, Layer, layers_of
+from waam_plan.import_gcode.level_metal import RATIO_HIGH, levelled
+from waam_plan.import_gcode.motion import Motion, Program
+from waam_plan.import_gcode.place import check_machine
+from waam_plan.import_gcode.regime import doubts
+from waam_plan.import_gcode.way import Metal, check_way
+from waam_plan.layers.travel import Ceiling, connected
 from waam_plan.plan import (
     Plan,
     PlanError,
@@ -19,13 +26,6 @@ from waam_plan.plan import (
     leg,
     numbered,
 )
-from waam_plan.read import targets
-from waam_plan.read.layers import Bead, Layer, layers_of
-from waam_plan.read.level_metal import RATIO_HIGH, levelled
-from waam_plan.read.motion import Motion, Program
-from waam_plan.read.place import check_machine
-from waam_plan.read.regime import doubts
-from waam_plan.read.way import Metal, check_way
 from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec, HeightGrid

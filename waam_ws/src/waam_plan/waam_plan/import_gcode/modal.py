@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from waam_plan.read import arc as arcs
-from waam_plan.read.line_words import LineWords
-from waam_plan.read.words import refuse
+from waam_plan.import_gcode import arc as arcs
+from waam_plan.import_gcode.line_words import LineWords
+from waam_plan.import_gcode.words import refuse
 from waam_process.segment import Point
 
 INCH = 0.0254

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waam_plan.read.arc import Arc
+from waam_plan.import_gcode.arc import Arc
 from waam_process.segment import Point
 
 CHORD = 0.5e-6  # m, farthest that a chord may lie from its arc

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan.read.motion import Motion, Program
-from waam_plan.read.words import ProgramError
+from waam_plan.import_gcode.motion import Motion, Program
+from waam_plan.import_gcode.words import ProgramError
 from waam_process.segment import Point
 
 LEVEL = 0.15e-3  # m, beads of one layer differ by less in height

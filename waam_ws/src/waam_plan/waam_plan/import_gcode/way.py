@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_plan import masks
+from waam_plan.import_gcode.layers import Bead, Layer
 from waam_plan.plan import PlanError
-from waam_plan.read.layers import Bead, Layer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import accumulate, groupby
 
-from waam_plan.post.compact import Move
+from waam_plan.gcode.compact import Move
 from waam_process.segment import Kind
 
 

@@ -15,10 +15,10 @@ import numpy as np
 from waam_plan import agreement, masks
 from waam_plan.fill import strategies
 from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
-from waam_plan.lay import sides
-from waam_plan.lay.layer import LayerTask, lay
-from waam_plan.lay.layout import best, most_even
-from waam_plan.lay.schedule import Schedule, choose_schedule, layer_count
+from waam_plan.layers import sides
+from waam_plan.layers.layer import LayerTask, lay
+from waam_plan.layers.layout import best, most_even
+from waam_plan.layers.schedule import Schedule, choose_schedule, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_plan.slice.section import outline

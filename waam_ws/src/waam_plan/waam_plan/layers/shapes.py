@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from waam_plan.lay.coverage import Section
+from waam_plan.layers.coverage import Section
 from waam_plan.mesh.part import Part
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import merged

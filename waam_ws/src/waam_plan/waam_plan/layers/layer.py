@@ -11,8 +11,8 @@ from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
 from waam_plan.fill.linking import spread_starts
-from waam_plan.lay.allocate import edge_surplus, metal_heights
-from waam_plan.lay.travel import Ceiling, to_segments
+from waam_plan.layers.allocate import edge_surplus, metal_heights
+from waam_plan.layers.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
