@@ -164,7 +164,7 @@ class RobotParams(BridgeParams):
         """Of all joints, in the order of their names."""
         speed, push, jerk = (np.array(getattr(self, name), float) for name in LIMITS)
         names = tuple(map(str, self.joint_names)) if self.urdf else AXIS_NAMES
-        return Limits(speed, push, jerk, names)
+        return Limits(speed, push, jerk, names=names)
 
     def urdf_place(self) -> UrdfPlace:
         """For a UrdfStation."""
