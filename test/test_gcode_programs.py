@@ -14,14 +14,14 @@ import pytest
 import trimesh
 from ament_index_python.packages import get_package_prefix
 
-from waam_plan.harmonic import HarmonicLaw, JoiningLaw
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.gcode.program import compact_gcode, gcode, with_base_feed
+from waam_plan.gcode.skew import AxisErrors
+from waam_plan.gcode.skew_program import correct_gcode
+from waam_plan.harmonic import HarmonicLaw
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
-from waam_plan.post.gcode import compact_gcode, gcode, with_base_feed
-from waam_plan.post.skew import AxisErrors
-from waam_plan.post.skew_program import correct_gcode
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
@@ -221,27 +221,6 @@ def test_motors_follow_the_law_where_it_has_enough_pieces():
     np.testing.assert_allclose(acceleration, law.acceleration(t[inside] - late), atol=0.03)
 
 
-def test_motors_join_a_running_move_without_a_jump():
-    """A move at 10 mm/s goes over into the general law: neither speed nor acceleration jumps at the joint."""
-    law = JoiningLaw.joining((0.0, 0.010, 0.0), (0.030, 0.0), 1.0)
-    t = np.linspace(0, law.duration, 51)
-    places = law.position(t)
-    speeds = np.diff(places) / np.diff(t)
-    end = float(law.speed(law.duration))
-    assert speeds.min() > 0
-    x = steps_of(
-        np.concatenate([[0.01], 0.01 + places[1:], [0.01 + places[-1] + 0.02]]),
-        np.concatenate([[0.010], speeds, [end]]),
-    )
-    begin = int(np.argmax(x > 10.0))
-    speed, acceleration = moved_by(x)
-    joint = slice(begin - 100, begin + 100)
-    assert speed[begin] == pytest.approx(10.0, abs=0.5)
-    highest = 1e3 * np.abs(law.acceleration(t)).max()
-    assert np.abs(acceleration[joint]).max() < 1.3 * highest + 10
-    assert np.abs(np.diff(acceleration[joint][::40])).max() < 0.6 * highest + 10
-
-
 @dataclass(frozen=True)
 class Run:
     """A program executed in simulated time: s, mm/s; `line` is the last one executed."""
@@ -321,7 +300,7 @@ def test_corrected_programs_reach_the_plan_on_leaning_axes(plans, name):
     errors = AxisErrors(
         *(math.radians(a) for a in (0.3, -0.2, 0.5, -0.4)), scale_x=1.002, scale_z=0.997
     )
-    rows = rows_of(correct_gcode(gcode(plans[name]), errors.correction()))
+    rows = rows_of(correct_gcode(gcode(plans[name]), errors.correction))
     real = [r.points[-1] @ errors.axes.T for r in rows if r.kind != 'rapid']
     wanted = [np.array(s.end) * 1e3 for s in motions(plans[name])]
     assert np.array(real) == pytest.approx(np.array(wanted), abs=MICROMETRE)

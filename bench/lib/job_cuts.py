@@ -106,7 +106,7 @@ def _beads(folder: Path) -> dict:
     it), doubled (more than 1.6 times), and all."""
     from waam_job.model.resume import metal_shares
     from waam_node import job_folder
-    from waam_plan.post.store import load_plan
+    from waam_plan.gcode.store import load_plan
     from waam_process.grid import HeightGrid
 
     plan, means = load_plan(folder / job_folder.plan()), []

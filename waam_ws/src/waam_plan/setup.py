@@ -4,7 +4,10 @@ setup(
     name='waam_plan',
     version='0.3.0',
     packages=find_packages(exclude=['test']),
-    package_data={'waam_plan.read': ['dialects/*.yaml'], 'waam_plan.show': ['page.css', 'page.js']},
+    package_data={
+        'waam_plan.import_gcode': ['dialects/*.yaml'],
+        'waam_plan.preview': ['page.css', 'page.js'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/waam_plan']),
         ('share/waam_plan', ['package.xml']),

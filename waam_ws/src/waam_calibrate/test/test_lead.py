@@ -14,8 +14,8 @@ from waam_bridge import commands
 from waam_calibrate import outcome, pictures
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.lead import WireRecord, follow, identify, program
-from waam_plan.read.files import load_dialect
-from waam_plan.read.reader import read_program
+from waam_plan.import_gcode.files import load_dialect
+from waam_plan.import_gcode.reader import read_program
 from waam_sim.arc import ArcParams
 from waam_sim.plant import PlantParams
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from waam_plan.post.skew import SkewError, angles_from_diagonals
+from waam_plan.gcode.skew import SkewError, angles_from_diagonals
 
 from .evidence import EvidenceError
 from .results import STEPS, Result

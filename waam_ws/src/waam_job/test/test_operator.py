@@ -15,7 +15,7 @@ from waam_job.ros.node_requests import adjust
 from waam_job.run.control import Control
 from waam_msgs.srv import AdjustJob
 from waam_plan.fill.linking import arc_starts
-from waam_plan.post.store import load_plan
+from waam_plan.gcode.store import load_plan
 from waam_process.segment import Kind
 
 R = AdjustJob.Request

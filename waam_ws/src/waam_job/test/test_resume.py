@@ -21,8 +21,8 @@ from waam_job.run.runner import JobRunner
 from waam_job.store import checkpoint as checkpoints
 from waam_job.store.checkpoint import Checkpoint, CheckpointError
 from waam_plan.fill.linking import arc_starts
+from waam_plan.gcode.store import load_plan
 from waam_plan.plan import PlannedLayer
-from waam_plan.post.store import load_plan
 from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Segment
 

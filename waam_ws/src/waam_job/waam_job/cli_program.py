@@ -50,7 +50,7 @@ def add_loop_mode(p: argparse.ArgumentParser) -> None:
 def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:
     """A program is told from a part by the name of its file. It is built on a plate unless a worn part is there, and
     without a nominal part it is only watched. ValueError for options that belong to the other."""
-    from waam_plan.read.files import is_program, shipped
+    from waam_plan.import_gcode.files import is_program, shipped
 
     nominal, dialect = getattr(args, 'nominal', None), getattr(args, 'dialect', '')
     x, y, z = getattr(args, 'shift', (0.0, 0.0, 0.0))

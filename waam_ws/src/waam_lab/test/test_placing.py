@@ -13,7 +13,7 @@ from waam_job.model.goal import check, planner_fields
 from waam_lab import parts, restore, run
 from waam_lab.laboratory import on_table, physics_of
 from waam_lab.params import make
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.placed import surfaces_of
 from waam_plan.plan import Plan
 from waam_plan.settings import PlanSettings

@@ -19,10 +19,10 @@ from waam_lab.robot.dry_run import DryRunError, clipped, layers, work_zero
 from waam_lab.robot.robot_check import check
 from waam_lab.robot.robot_machine import RobotMachine
 from waam_lab.robot.urdf_settings import settings
-from waam_plan.lay.build import plan_build
+from waam_plan.gcode.program import with_base_feed
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, renumber
-from waam_plan.post.gcode import with_base_feed
 from waam_plan.settings import PlanSettings
 from waam_robot_bridge.params import NAMES, RobotParams
 from waam_sim import part

@@ -14,7 +14,7 @@ from waam_lab import restore, run
 from waam_lab.robot.dry_run import work_zero
 from waam_lab.robot.robot_check import check
 from waam_plan import cli
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.inputs import of_part
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan

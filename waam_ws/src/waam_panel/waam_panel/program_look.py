@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
+from waam_plan.import_gcode.dialect import DialectError
+from waam_plan.import_gcode.files import load_program
+from waam_plan.import_gcode.layers import Bead, Layer, layers_of, moved
+from waam_plan.import_gcode.motion import Motion, Program
+from waam_plan.import_gcode.place import part_offset, path_box
+from waam_plan.import_gcode.plan_of import plan_program
+from waam_plan.import_gcode.regime import regime_problems
+from waam_plan.import_gcode.words import ProgramError
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.mesh.surface import top_surface
 from waam_plan.plan import Plan
-from waam_plan.read.dialect import DialectError
-from waam_plan.read.files import load_program
-from waam_plan.read.layers import Bead, Layer, layers_of, moved
-from waam_plan.read.motion import Motion, Program
-from waam_plan.read.place import part_offset, path_box
-from waam_plan.read.plan_of import plan_program
-from waam_plan.read.regime import regime_problems
-from waam_plan.read.words import ProgramError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import get

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import trimesh
 
 from waam_process.grid import GridSpec, HeightGrid
 
+sys.path.insert(0, str(Path(__file__).parent))  # readers of robot programs
 NOMINAL = 0.030  # m, top of the synthetic part
 
 

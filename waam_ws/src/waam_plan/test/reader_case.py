@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from waam_plan.import_gcode import files, plan_of
+from waam_plan.import_gcode.dialect import DialectError
+from waam_plan.import_gcode.words import ProgramError
 from waam_plan.mesh import clouds, inputs, part
 from waam_plan.plan import PlanError
-from waam_plan.read import files, plan_of
-from waam_plan.read.dialect import DialectError
-from waam_plan.read.words import ProgramError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 

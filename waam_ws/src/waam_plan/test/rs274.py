@@ -145,8 +145,8 @@ class _Reader:
 def off_um(text: str, dialect: str) -> tuple[float, int]:
     """Largest distance (um) of the chords that a job lays from the judge's path, arcs at the same shares, and how many
     motions were compared. Coordinates that the program has not said yet do not count."""
-    from waam_plan.read.files import load_dialect
-    from waam_plan.read.reader import read_program
+    from waam_plan.import_gcode.files import load_dialect
+    from waam_plan.import_gcode.reader import read_program
 
     program = read_program(text, load_dialect(dialect))
     ours = [m for m in program.motions if not m.dwell and not m.length * 1e3 <= SHORTEST]
@@ -167,9 +167,9 @@ def off_um(text: str, dialect: str) -> tuple[float, int]:
 def exact_off_um(text: str, dialect: str) -> tuple[float, int]:
     """Where there is no judge: largest distance (um) of the chords from the circles about the arcs' centres, and how
     many arcs there are."""
-    from waam_plan.read.arc import PLANES as AXES
-    from waam_plan.read.files import load_dialect
-    from waam_plan.read.reader import read_program
+    from waam_plan.import_gcode.arc import PLANES as AXES
+    from waam_plan.import_gcode.files import load_dialect
+    from waam_plan.import_gcode.reader import read_program
 
     arcs = [m for m in read_program(text, load_dialect(dialect)).motions if m.round]
     worst = 0.0

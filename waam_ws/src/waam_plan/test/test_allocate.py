@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.fill import path
-from waam_plan.lay.allocate import footprints, metal_heights, pool_places
+from waam_plan.layers.allocate import footprints, metal_heights, pool_places
 from waam_plan.settings import PlanSettings
 from waam_process.bead import AREA_FACTOR
 from waam_process.grid import GridSpec, HeightGrid

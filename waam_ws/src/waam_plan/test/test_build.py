@@ -9,7 +9,7 @@ import trimesh
 from scipy.ndimage import binary_dilation
 
 from waam_plan.fill.path import coverage
-from waam_plan.lay.build import plan_build
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings

@@ -12,17 +12,18 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robot_line import sample
+from robot_read_fanuc import read_ls
 
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.gcode.compact import circle, compact, fragments, saving
+from waam_plan.gcode.program import with_base_feed
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer, hop
-from waam_plan.post.compact import circle, compact, fragments, saving
-from waam_plan.post.gcode import with_base_feed
 from waam_plan.robot.cell import FanucSettings, RobotCell
 from waam_plan.robot.fanuc import write_ls
-from waam_plan.robot.motion import RobotProgramError, sample
-from waam_plan.robot.read_fanuc import read_ls
+from waam_plan.robot.motion import RobotProgramError
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

@@ -7,12 +7,12 @@ import re
 
 import numpy as np
 import pytest
+from robot_read_fanuc import read_ls
 
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.robot.cell import FanucSettings, RobotCell
 from waam_plan.robot.fanuc import write_ls
 from waam_plan.robot.motion import RobotProgramError
-from waam_plan.robot.read_fanuc import read_ls
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment

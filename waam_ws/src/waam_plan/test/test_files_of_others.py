@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from waam_plan.import_gcode.files import load_program
 from waam_plan.mesh.clouds import read_cloud
 from waam_plan.mesh.inputs import flat
 from waam_plan.mesh.part import PartError, load_part
-from waam_plan.read.files import load_program
 from waam_plan.settings import PlanSettings
 
 CLOUDS = {  # file: points, words in the notes, lowest height, mm

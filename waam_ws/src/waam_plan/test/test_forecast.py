@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waam_plan.lay.forecast import growth, pieces_of
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.forecast import growth, pieces_of
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 
 S = PlanSettings()

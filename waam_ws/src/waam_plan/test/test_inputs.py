@@ -11,14 +11,14 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.clouds import Cloud, cloud_grid, is_cloud, read_cloud
 from waam_plan.mesh.inputs import flat, of_part
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.mesh.threemf import read_3mf
+from waam_plan.preview.page import write_page
 from waam_plan.settings import PlanSettings
-from waam_plan.show.page import write_page
 from waam_process.grid import GridSpec
 
 CORE = 'http://schemas.microsoft.com/3dmanufacturing/core/2015/02'

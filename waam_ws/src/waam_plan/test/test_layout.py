@@ -11,10 +11,10 @@ from shapely import LineString, Point, affinity, box
 
 from waam_plan.fill import path, strategies
 from waam_plan.fill.rings import contour_lines, spacing
-from waam_plan.lay import layout
-from waam_plan.lay.allocate import metal_heights, unevenness
-from waam_plan.lay.restore import plan_restoration
-from waam_plan.lay.travel import thinnest_bead
+from waam_plan.layers import layout
+from waam_plan.layers.allocate import metal_heights, unevenness
+from waam_plan.layers.restore import plan_restoration
+from waam_plan.layers.travel import thinnest_bead
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import raster
 from waam_process.grid import GridSpec, HeightGrid

@@ -6,10 +6,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.lay.build import plan_build
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import PlanError
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
 from waam_plan.slice.levels import adaptive_levels
 
 S = PlanSettings(levels='adaptive')
@@ -47,7 +47,7 @@ def test_levels_fill_the_height_and_keep_their_limits(radius, height, cusp):
     assert levels[0].z == 0 and levels[-1].top == pytest.approx(height * 1e-3)
     for a, b in zip(levels, levels[1:], strict=False):
         assert a.top == pytest.approx(b.z)
-    assert max(b.thickness for b in levels) <= 1.0001 * s.max_layer_ratio * s.layer_height
+    assert max(b.thickness for b in levels) <= 1.0001 * MAX_LAYER_RATIO * s.layer_height
 
 
 def test_an_adaptive_build_is_planned_with_its_own_heights(tmp_path):

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.agreement import check
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import PartError, load_part
 from waam_plan.mesh.placed import on_table, surfaces_of
 from waam_plan.mesh.surface import behind, top_surface

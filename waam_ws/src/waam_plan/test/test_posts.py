@@ -11,17 +11,17 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from waam_plan.lay.restore import plan_restoration
-from waam_plan.plan import base_feed, hop, numbered
-from waam_plan.post.gcode import (
+from waam_plan.gcode.program import (
     compact_gcode,
     gcode,
     to_csv,
     with_base_feed,
 )
-from waam_plan.read.files import load_dialect
-from waam_plan.read.motion import Motion
-from waam_plan.read.reader import read_program
+from waam_plan.import_gcode.files import load_dialect
+from waam_plan.import_gcode.motion import Motion
+from waam_plan.import_gcode.reader import read_program
+from waam_plan.layers.restore import plan_restoration
+from waam_plan.plan import base_feed, hop, numbered
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, Segment
 

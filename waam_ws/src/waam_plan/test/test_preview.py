@@ -6,17 +6,12 @@ import shutil
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from waam_plan import cli
-from waam_plan.lay.build import plan_build
-from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.preview import picture as preview
+from waam_plan.preview.page import write_page
 from waam_plan.settings import PlanSettings
-from waam_plan.show import picture3d, preview
-from waam_plan.show.page import write_page
-from waam_plan.show.picture3d import draw_space, pieces
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.heat import effective_power, heat_input
 from waam_process.segment import Kind, Segment
@@ -104,53 +99,6 @@ def test_page_says_the_estimates_and_what_they_are_made_of(tmp_path):
     assert len(cells) == 2
     assert 'set power of 4600 W (arc_power), not from a model' in text and '15 l/min' in text
     assert '<td>5 l' in text  # both layers
-
-
-def space(plan: Plan) -> tuple[np.ndarray, object]:
-    """The panel as pixels (rows, cols, 4), and its axes."""
-    figure = Figure(figsize=(5, 4), dpi=60)
-    canvas = FigureCanvasAgg(figure)
-    axis = figure.add_subplot(projection='3d')
-    draw_space(plan, axis)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba()).copy(), axis
-
-
-def test_the_picture_in_space_shows_heights():
-    """Two plans that differ in z only: every map of the layers is the same, the picture in space is not."""
-    low, high = (
-        plan_of(PlanSettings(), step=10e-3, layers=4),
-        plan_of(PlanSettings(), step=20e-3, layers=4),
-    )
-    for a, b in zip(low.layers, high.layers, strict=True):
-        assert [s.start[:2] for s in a.segments] == [s.start[:2] for s in b.segments]
-        np.testing.assert_array_equal(a.planned, b.planned)
-    (one, a), (two, b) = space(low), space(high)
-    assert a.get_zlim()[1] == pytest.approx(30, abs=2) and b.get_zlim()[1] == pytest.approx(
-        60, abs=2
-    )
-    assert (np.abs(one.astype(int) - two).max(axis=2) > 60).mean() > 0.01
-
-
-def test_flat_plans_are_stretched_and_say_so():
-    _, axis = space(plan_of(PlanSettings(), step=1e-3))
-    assert re.search(r'z stretched \d+\.\d times', axis.get_title())
-    _, axis = space(plan_of(PlanSettings(), step=60e-3))
-    assert 'stretched' not in axis.get_title()
-
-
-def test_long_programs_are_thinned_with_their_ends_kept(box_file, monkeypatch):
-    plan = plan_build(load_part(box_file((40, 30, 6))), PlanSettings())
-    whole = pieces(plan)
-    arc = [s for layer in plan.layers for s in layer.segments if s.arc]
-    assert len(whole.beads) == len(arc) and len(whole.starts) == plan.arc_starts
-    np.testing.assert_allclose(whole.beads[:, 1], np.array([s.end for s in arc]) * 1e3)
-    monkeypatch.setattr(picture3d, 'MOST_PIECES', 100)
-    thin = pieces(plan)
-    assert len(thin.beads) < len(whole.beads) / 4
-    np.testing.assert_array_equal(thin.starts, whole.starts)
-    np.testing.assert_array_equal(thin.beads[-1, 1], whole.beads[-1, 1])
-    assert set(thin.layer) == {layer.number for layer in plan.layers}
 
 
 def test_a_plan_without_layers_is_drawn(tmp_path):

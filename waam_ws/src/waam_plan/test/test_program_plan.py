@@ -11,21 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waam_plan.fill.path import Pieces
-from waam_plan.lay.allocate import unevenness
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.gcode.program import compact_gcode, gcode
+from waam_plan.import_gcode.dialect import Dialect, dialect_of
+from waam_plan.import_gcode.files import load_dialect, load_program
+from waam_plan.import_gcode.layers import layers_of, moved
+from waam_plan.import_gcode.motion import Program
+from waam_plan.import_gcode.place import part_offset, path_box
+from waam_plan.import_gcode.plan_of import plan_program
+from waam_plan.import_gcode.reader import read_program
+from waam_plan.import_gcode.regime import regime_problems
+from waam_plan.import_gcode.words import ProgramError
+from waam_plan.layers.allocate import unevenness
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan, PlanError, base_feed
-from waam_plan.post.gcode import compact_gcode, gcode
-from waam_plan.read.dialect import Dialect, dialect_of
-from waam_plan.read.files import load_dialect, load_program
-from waam_plan.read.layers import layers_of, moved
-from waam_plan.read.motion import Program
-from waam_plan.read.place import part_offset, path_box
-from waam_plan.read.plan_of import plan_program
-from waam_plan.read.reader import read_program
-from waam_plan.read.regime import regime_problems
-from waam_plan.read.words import ProgramError
 from waam_plan.settings import PlanSettings
 from waam_process import materials
 from waam_process.grid import GridSpec, HeightGrid

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from waam_plan.read.dialect import DialectError, dialect_of
-from waam_plan.read.files import (
+from waam_plan.import_gcode.dialect import DialectError, dialect_of
+from waam_plan.import_gcode.files import (
     load_dialect,
     load_program,
     parse_dialect,
     program_text,
     shipped,
 )
-from waam_plan.read.motion import CHORD, Motion
-from waam_plan.read.reader import read_program
-from waam_plan.read.words import ProgramError
+from waam_plan.import_gcode.motion import CHORD, Motion
+from waam_plan.import_gcode.reader import read_program
+from waam_plan.import_gcode.words import ProgramError
 
 OURS, SLICER, WELDER = (load_dialect(name) for name in ('waam', 'slicer', 'welder'))
 LIT = 'G0 Z5\nG0 X0 Y0\nG1 Z0 F600\nW6000 S22\nM3\n'

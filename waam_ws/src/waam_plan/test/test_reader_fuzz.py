@@ -17,10 +17,10 @@ import reader_packages
 import reader_programs
 from reader_case import NAMED
 
+from waam_plan.import_gcode.files import is_program, load_program
 from waam_plan.mesh.clouds import is_cloud, read_cloud
 from waam_plan.mesh.part import load_part
 from waam_plan.mesh.pcd import unpacked
-from waam_plan.read.files import is_program, load_program
 
 SMALL = np.round(reader_clouds.surface()[::20], 2)
 N = len(SMALL)

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 from waam_plan.fill.linking import arc_starts
 from waam_plan.fill.path import coverage
 from waam_plan.fill.strategies import REGISTRY
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.plan import PlanError, renumber
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid

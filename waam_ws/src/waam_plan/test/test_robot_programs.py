@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from robot_read_abb import read_rapid
+from robot_read_fanuc import read_ls
+from robot_read_kuka import read_krl
+from robot_run import check, path_of, run
 
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.robot import parts
 from waam_plan.robot.abb import write_rapid
@@ -21,10 +25,6 @@ from waam_plan.robot.fanuc import write_ls
 from waam_plan.robot.kuka import write_krl
 from waam_plan.robot.motion import RobotProgramError, course
 from waam_plan.robot.poses import WIDEST_TURN, steps
-from waam_plan.robot.read_abb import read_rapid
-from waam_plan.robot.read_fanuc import read_ls
-from waam_plan.robot.read_kuka import read_krl
-from waam_plan.robot.run import check, path_of, run
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
@@ -512,6 +512,6 @@ def test_steps_know_the_way_of_an_arc(small):
 
 
 def steps_of(plan):
-    from waam_plan.post.compact import fragments
+    from waam_plan.gcode.compact import fragments
 
     return [s for f in fragments(plan) for s in steps(f.moves, TURNS)[1]]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_plan.lay.scanning import scan_lanes, scan_segments
+from waam_plan.layers.scanning import scan_lanes, scan_segments
 from waam_plan.plan import PlanError
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Kind, check_chain

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_plan.lay.restore import plan_restoration
-from waam_plan.lay.schedule import (
+from waam_plan.layers.restore import plan_restoration
+from waam_plan.layers.schedule import (
     LAYER_SHARE,
     SCATTER,
     SIGMAS,

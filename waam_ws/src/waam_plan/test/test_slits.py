@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from shapely import Point, box
 
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.sides import of_section
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.sides import of_section
 from waam_plan.mesh.part import load_part
 from waam_plan.settings import PlanSettings
 from waam_plan.slice.section import raster

@@ -281,7 +281,7 @@ def test_medial_axis_of_a_curved_wall_and_a_tee(thickness):
 
 def test_edge_beads_get_the_surplus_of_the_rule_of_thumb():
     """Half a bead from the edge they have more area than pitch times length: 20 to 30 % more, as the source says."""
-    from waam_plan.lay.allocate import along_edge, metal_heights
+    from waam_plan.layers.allocate import along_edge, metal_heights
 
     s = PlanSettings(strategy='contour', pitch_ratio=0.65)
     shape = box(0, 0, 0.08, 0.06)

@@ -14,7 +14,6 @@ from . import cli_correct, cli_files, cli_program, cli_robot
 from .settings import ALTERNATIONS, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
-    from .mesh.deform import Displacements
     from .mesh.inputs import Surfaces
     from .mesh.part import Part
     from .plan import Plan
@@ -33,7 +32,7 @@ examples:
   waam plan part.gcode --dialect slicer --nominal part.stl --preview   another slicer's program: layers, beads, checks
   waam plan part.stl --mode build --machine robot       what the robot will make of it: speeds, contacts, reach
   waam plan arm.stl --as-found post.stl --machine robot --tilt 80 --clamp   an overhang of 80 deg, the part tilted
-  waam plan ring.stl --mode build --post kuka --positioner turn --run --out out/   a robot's program, read back and run
+  waam plan ring.stl --mode build --post kuka --positioner turn --out out/   a program for a robot with a positioner
 
 --set of what a program without the closed loop needs:
   bead_time=60         wait when a bead took less than so many seconds (a job waits for the temperature instead)
@@ -41,8 +40,7 @@ examples:
   edge_metal=1.25      machining allowance along the edges
   alternation=turn turn_deg=67                           by --alternation turn: every layer at another angle
 
---set of rules for builds (docs/planning.md): compensation_height=0.012, shrinkage=0.008, teardrop=true,
-  stiffener_spacing=0.06, tangent_in=0.01, tangent_out=0.01, overhang_passes=2, multi_level=true growth_step=0.0003
+--set of rules for builds (docs/planning.md): compensation_height=0.012, shrinkage=0.008
 
 Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png,
 preview.html (3-D, one file: open it in a browser); with --rerun preview.rrd (waam view DIR).
@@ -107,13 +105,6 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
         help='mesh (STL, PLY, 3MF, OBJ, OFF), cloud (PCD, PLY, XYZ, NPY) or a program (G-code) to look at and to check',
     )
     cli_program.add_program(p)
-    p.add_argument(
-        '--warping',
-        type=Path,
-        metavar='CSV',
-        help='of a build: x y z dx dy dz, how the process moves the metal (in units of the part, in its coordinates); '
-        'the part is bent against it',
-    )
     p.add_argument(
         '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
     )
@@ -245,7 +236,7 @@ def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
 
 def make_plan(args: argparse.Namespace) -> Plan:
     """The plan that the arguments ask for. Raises ValueError with a text for the user."""
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.clouds import is_cloud
     from waam_plan.mesh.part import load_part
 
@@ -274,22 +265,8 @@ def make_plan(args: argparse.Namespace) -> Plan:
         print(line)
     if mode == 'build':
         part = part.tilted(settings.tilt_deg)
-        return plan_build(part, settings, args.layers, warping=_warping(args))
-    if args.warping:
-        raise ValueError('--warping belongs to --mode build')
+        return plan_build(part, settings, args.layers)
     return _restoration(part, args, settings)
-
-
-def _warping(args: argparse.Namespace) -> Displacements | None:
-    from waam_plan.mesh.deform import displacements
-
-    if not args.warping:
-        return None
-    try:
-        with args.warping.open(errors='replace') as lines:
-            return displacements(lines, args.scale, str(args.warping))
-    except OSError as e:
-        raise ValueError(f'--warping {args.warping}: {e.strerror}') from None
 
 
 def _restoration(part: Part, args: argparse.Namespace, settings: PlanSettings) -> Plan:
@@ -315,7 +292,7 @@ def _flat(args: argparse.Namespace, settings: PlanSettings) -> Plan:
 def _restored(surfaces: Surfaces, args: argparse.Namespace, settings: PlanSettings) -> Plan:
     from dataclasses import replace
 
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
 
     plan = plan_restoration(surfaces.found, surfaces.nominal, settings, args.layers)
     remarks = [*surfaces.notes, *plan.remarks]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .post.skew import AxisErrors
+    from .gcode.skew import AxisErrors
 
 EPILOG = """\
 examples:
@@ -21,7 +21,6 @@ The zero of the calibration is the work zero. Until a line has named X, Y and Z,
 names: the first `G0 Z16` of a program lifts, the `G0 X Y` that follows puts the torch right. So begin with Z where it
 leans, as the programs of `waam plan` do; everything else before the place is known is refused, with its line.
 Arcs (G2, G3) become lines within 0.002 mm of their image, for on leaning axes that is an ellipse.
-A picture of both programs on the calibrated axes is written beside the output.
 """
 
 
@@ -62,38 +61,28 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         metavar=('SIDE_X', 'SIDE_Y', 'RISING', 'FALLING'),
         help='measured rectangle instead of --y-to-x; RISING goes from its corner nearest to zero',
     )
-    p.add_argument(
-        '--form',
-        choices=('exact', 'two_angles', 'one_angle'),
-        default='exact',
-        help="exact inverse (default), or the source's first-order forms",
-    )
     p.add_argument('--out', type=Path, required=True, metavar='FILE', help='corrected program')
     p.set_defaults(run_command=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """0, or 2 with one line of error."""
-    from .post import skew_program
-    from .show import skew_picture
+    from .gcode import skew_program
 
     try:
         errors = errors_from(args)
-        before = args.program.read_text()
-        after = skew_program.correct_gcode(before, errors.correction(args.form))
-        args.out.write_text(after)
-        picture = args.out.with_suffix('.png')
-        skew_picture.draw(before, after, errors, picture)
+        text = args.program.read_text()
+        args.out.write_text(skew_program.correct_gcode(text, errors.correction))
     except (ValueError, OSError) as e:
         print(f'waam correct: {e}', file=sys.stderr)
         return 2
-    print(f'written: {args.out}, {picture}')
+    print(f'written: {args.out}')
     return 0
 
 
 def errors_from(args: argparse.Namespace) -> AxisErrors:
     """AxisErrors from the options. Raises SkewError."""
-    from .post import skew
+    from .gcode import skew
 
     angle = math.radians(args.y_to_x)
     if args.diagonals:

@@ -16,10 +16,10 @@ if TYPE_CHECKING:  # loaded only when a verb needs it
 
 def write(plan: Plan, args: argparse.Namespace) -> None:
     """Prints the table of the plan and writes what the arguments ask for. ValueError: there is nothing to deposit."""
-    from waam_plan.post.gcode import gcode, to_csv
-    from waam_plan.post.store import save_plan
-    from waam_plan.show.page import write_page
-    from waam_plan.show.preview import draw, table
+    from waam_plan.gcode.program import gcode, to_csv
+    from waam_plan.gcode.store import save_plan
+    from waam_plan.preview.page import write_page
+    from waam_plan.preview.picture import draw, table
 
     print(table(plan))
     for text in plan.remarks:
@@ -55,7 +55,7 @@ def _write_recording(
     """The viewer draws the plan as it is stored."""
     import tempfile
 
-    from waam_plan.post.store import save_plan
+    from waam_plan.gcode.store import save_plan
 
     if write_recording is None:
         raise ValueError('--rerun needs the viewer: call it as `waam plan --rerun`')
@@ -67,8 +67,8 @@ def _write_recording(
 
 def _write_compact(plan: Plan, folder: Path, tolerance: float | None) -> None:
     """tolerance: mm"""
-    from waam_plan.post.compact import TOLERANCE
-    from waam_plan.post.gcode import compact_gcode
+    from waam_plan.gcode.compact import TOLERANCE
+    from waam_plan.gcode.program import compact_gcode
 
     text, s = compact_gcode(plan, TOLERANCE if tolerance is None else tolerance * 1e-3)
     (folder / 'compact.gcode').write_text(text)

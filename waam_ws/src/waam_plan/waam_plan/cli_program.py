@@ -37,7 +37,7 @@ def add_program(p: argparse.ArgumentParser) -> None:
 
 def is_program(args: argparse.Namespace) -> bool:
     """Whether PART is G-code. ValueError for options that belong to a program when it is none."""
-    from .read.files import is_program
+    from .import_gcode.files import is_program
 
     if is_program(args.part):
         return True
@@ -53,12 +53,12 @@ def program_plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
     from waam_process.grid import GridSpec, HeightGrid
 
     from .agreement import check
+    from .import_gcode.files import load_program
+    from .import_gcode.layers import moved
+    from .import_gcode.place import part_offset, path_box
+    from .import_gcode.plan_of import plan_program
     from .mesh.part import load_part
     from .mesh.surface import top_surface
-    from .read.files import load_program
-    from .read.layers import moved
-    from .read.place import part_offset, path_box
-    from .read.plan_of import plan_program
 
     x, y, z = args.shift
     program = moved(load_program(args.part, args.dialect), (x * 1e-3, y * 1e-3, z * 1e-3))

@@ -1,9 +1,8 @@
-"""Programs for robots on the command line: their options, files and check."""
+"""Programs for robots on the command line: their options, files and checks."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,7 +12,6 @@ from waam_process.operating import ROBOT
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .robot.cell import RobotCell
-    from .robot.motion import Motion
     from .settings import PlanSettings
 
 POSTS = ('fanuc', 'kuka', 'abb')
@@ -26,14 +24,6 @@ class Writer(Protocol):
     def __call__(
         self, plan: Plan, name: str = 'WAAM', cell: RobotCell | None = None, tolerance: float = ...
     ) -> dict[str, str]: ...
-
-
-class Reader(Protocol):
-    """Files to motions."""
-
-    def __call__(
-        self, files: dict[str, str], name: str = 'WAAM', cell: RobotCell | None = None
-    ) -> list[Motion]: ...
 
 
 def add_robot(p: argparse.ArgumentParser) -> None:
@@ -90,12 +80,6 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         metavar='MM',
         help='of a robot: how far it may leave the path where two moves meet, default 0.006; more = faster corners',
     )
-    p.add_argument(
-        '--run',
-        action='store_true',
-        help='of a robot: read the program back, run it on the arm and positioner of waam_robot and tell how far its '
-        'path is from the plan; exit status 2 where the arm cannot go it',
-    )
 
 
 def check_arm(args: argparse.Namespace) -> None:
@@ -103,9 +87,7 @@ def check_arm(args: argparse.Namespace) -> None:
     for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
-    wanted = [
-        n for n in ('cell', 'positioner', 'corner', 'run') if getattr(args, n) not in (None, False)
-    ]
+    wanted = [n for n in ('cell', 'positioner', 'corner') if getattr(args, n) is not None]
     if args.post not in POSTS and wanted:
         raise ValueError(f'--{wanted[0]} belongs to --post {" | ".join(POSTS)}')
     if args.post in POSTS and not args.out:
@@ -161,8 +143,8 @@ def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
 
     if args.machine != ROBOT:
         raise ValueError('--tilt needs --machine robot: no other machine tilts the part')
-    if cli_program.is_program(args) or args.level is not None or args.zone or args.warping:
-        raise ValueError('--tilt belongs to a mesh, not to a program, --level, --zone or --warping')
+    if cli_program.is_program(args) or args.level is not None or args.zone:
+        raise ValueError('--tilt belongs to a mesh, not to a program, --level or --zone')
     if not args.as_found and not settings.clamp:
         raise ValueError(
             '--tilt of a build has no level ground: give what stands there as --as-found, or --clamp where the lowest '
@@ -171,14 +153,13 @@ def check_tilt(args: argparse.Namespace, settings: PlanSettings) -> None:
 
 
 def write_robot(plan: Plan, args: argparse.Namespace) -> None:
-    """Writes the files, tells what was saved and, with --run, how exact the program is. Raises ValueError."""
-    from waam_plan.post.compact import fragments, saving
+    """Writes the files and tells what was saved. Raises ValueError."""
+    from waam_plan.gcode.compact import fragments, saving
     from waam_plan.robot.motion import TOLERANCE
 
     cell = load_cell(args)
     tolerance = TOLERANCE if args.tolerance is None else args.tolerance * 1e-3
-    write, read = language(args.post)
-    files = write(plan, cell=cell, tolerance=tolerance)
+    files = writer(args.post)(plan, cell=cell, tolerance=tolerance)
     for name, text in files.items():
         (args.out / name).write_text(text)
     s = saving(plan, fragments(plan, tolerance))
@@ -186,14 +167,6 @@ def write_robot(plan: Plan, args: argparse.Namespace) -> None:
     print(
         f'{len(files)} files ({kinds}); {s.after} points instead of {s.before}, {s.share:.0%} saved'
     )
-    if args.run:
-        from waam_plan.robot.run import check
-
-        found = check(plan, read(files, cell=cell), cell)
-        print(
-            f'read back and run: with the arc on within {found.path * 1e6:.1f} um of the plan, torch within '
-            f'{math.degrees(found.lean):.3f} deg'
-        )
 
 
 def load_cell(args: argparse.Namespace) -> RobotCell:
@@ -217,18 +190,10 @@ def load_cell(args: argparse.Namespace) -> RobotCell:
     return cell
 
 
-def language(post: str) -> tuple[Writer, Reader]:
-    """Writer and reader of one of POSTS."""
+def writer(post: str) -> Writer:
+    """Of one of POSTS."""
     from waam_plan.robot.abb import write_rapid
     from waam_plan.robot.fanuc import write_ls
     from waam_plan.robot.kuka import write_krl
-    from waam_plan.robot.read_abb import read_rapid
-    from waam_plan.robot.read_fanuc import read_ls
-    from waam_plan.robot.read_kuka import read_krl
 
-    languages: dict[str, tuple[Writer, Reader]] = {
-        'fanuc': (write_ls, read_ls),
-        'kuka': (write_krl, read_krl),
-        'abb': (write_rapid, read_rapid),
-    }
-    return languages[post]
+    return {'fanuc': write_ls, 'kuka': write_krl, 'abb': write_rapid}[post]

@@ -208,7 +208,7 @@ def leg(start: Point, end: Point, settings: PlanSettings, layer: int = 0) -> lis
     if settings.idle_law == 'plain':
         return [idle(start, end, settings, layer)]
     law = HarmonicLaw.within(length, settings.idle_speed, settings.idle_acceleration)
-    at, speeds = law.pieces(settings.idle_pieces)
+    at, speeds = law.pieces()
     share = at[1:-1, None] / length
     inner = np.asarray(start) + share * np.subtract(end, start)
     corners = [start, *map(tuple, inner.tolist()), end]

@@ -4,99 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]
 
 DIRECTIONS = ('auto', 'x', 'y')
 ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
-OF_BUILDS = (
-    'compensation_height',
-    'shrinkage',
-    'teardrop',
-    'stiffener_spacing',
-    'overhang_passes',
-    'multi_level',
-)
+OF_BUILDS = ('compensation_height', 'shrinkage')
 STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
 LEVELS = ('equal', 'adaptive')
 OVERHANGS = ('refuse', 'flag')
+JUDGED_RIM = 1.0e-3  # m along the edge of what was laid, not judged
+MAX_LAYER_RATIO = 1.4  # thickest layer over layer_height
 IDLE_LAWS = ('harmonic', 'plain')
 
 
 class SettingsError(ValueError):
     """Settings out of range; the text names every field, its value and limit."""
-
-
-# field: (lowest, highest), both allowed
-_LIMITS: dict[str, Pair] = {
-    'layer_height': (0.3e-3, 5e-3),
-    'bead_width': (1e-3, 20e-3),
-    'pitch_ratio': (0.4, 1.0),
-    'speed': (1e-3, 0.05),
-    'speed_max': (1e-3, 0.05),
-    'segment_length': (0.2e-3, 50e-3),
-    'min_layer': (0.05, 0.95),
-    'max_layer_ratio': (1.0, 2.0),
-    'tolerance': (0.0, 5e-3),
-    'finish_height': (0.0, 5e-3),
-    'finish_layers': (0, 5),
-    'finish_growth': (1.0, 2.0),
-    'allowance': (-5e-3, 10e-3),
-    'wear_limit': (1e-3, 1.0),
-    'smoothing': (0.0, 2.0),
-    'edge_inset': (0.0, 1.0),
-    'overrun': (0.0, 10e-3),
-    'judged_rim': (0.0, 20e-3),
-    'pool_trail': (0.0, 20e-3),
-    'min_share': (0.05, 0.9),
-    'feed_floor': (0.0, 1.0),
-    'start_spread': (0.0, 50e-3),
-    'lead_in': (0.0, 50e-3),
-    'lead_out': (0.0, 50e-3),
-    'lead_in_metal': (0.3, 1.5),
-    'lead_out_metal': (0.3, 2.0),
-    'turn_deg': (0.0, 180.0),
-    'contours': (1, 20),
-    'edge_metal': (0.5, 1.5),
-    'ring_inset': (0.1, 0.5),
-    'corner_radius': (0.0, 1.0),
-    'lead_on': (0.0, 10.0),
-    'lead_off': (0.0, 50e-3),
-    'bead_time': (0.0, 600.0),
-    'base_layers': (0, 100),
-    'base_speed': (0.3, 1.0),
-    'adaptive_min': (0.3, 1.0),
-    'cusp': (0.05e-3, 5e-3),
-    'torch_radius': (0.0, 0.1),
-    'idle_acceleration': (0.01, 50.0),
-    'idle_pieces': (1, 400),
-    'idle_speed': (1e-3, 0.5),
-    'scan_speed': (1e-3, 0.5),
-    'clearance': (1e-3, 0.2),
-    'grid': (0.05e-3, 5e-3),
-    'margin': (0.0, 0.1),
-    'overhang_limit_deg': (5.0, 85.0),
-    'foot_height': (0.0, 0.1),
-    'growth_step': (0.0, 1e-3),
-    'voltage': (5.0, 60.0),
-    'scanner_fov': (1e-3, 1.0),
-    'scanner_overlap': (0.0, 0.9),
-    'wire_diameter': (0.5e-3, 5e-3),
-    'efficiency': (0.3, 1.0),
-    'arc_power': (100.0, 50e3),
-    'arc_efficiency': (0.1, 1.0),
-    'gas_flow': (0.0, 2e-3),
-    'compensation_height': (0.0, 50e-3),
-    'shrinkage': (-0.05, 0.05),
-    'stiffener_spacing': (0.0, 1.0),
-    'stiffener_length': (1e-3, 0.1),
-    'tangent_in': (0.0, 50e-3),
-    'tangent_out': (0.0, 50e-3),
-    'overhang_passes': (1, 5),
-    'tilt_deg': (-100.0, 100.0),
-}
 
 
 _ZERO_TOO = {'edge_metal', 'ring_inset'}  # 0 = as the strategy needs it
@@ -113,99 +39,126 @@ _CHOICES = {
 }
 
 
+def within(default: Any, low: float, high: float) -> Any:
+    """A field with its default, lowest and highest value, both allowed."""
+    return field(default=default, metadata={'range': (low, high)})
+
+
 @dataclass(frozen=True)
 class PlanSettings:
     """Lengths in m, speeds in m/s. 'Share' and 'ratio' have no unit."""
 
-    layer_height: float = 2.0e-3  # nominal thickness of a layer
-    bead_width: float = 6.0e-3  # width of one bead
-    pitch_ratio: float = 0.60  # distance of neighbouring beads over bead width
-    speed: float = 0.010  # travel speed of the nominal layer
-    speed_max: float = 0.018  # fastest programmed travel with the arc on; leaves room to correct
-    segment_length: float = 2.0e-3  # longest segment with the arc on
-    min_layer: float = 0.35  # share of layer_height below which nothing is laid
-    tolerance: float = 0.0  # allowed deviation of a restored surface; 0 = no finishing layers
-    finish_height: float = 0.0  # of the finishing layers of a restoration; 0 = from the tolerance
-    finish_layers: int = 3  # number of finishing layers, 0 = none
-    finish_growth: float = 1.0  # thickness of a finishing layer over that of the one above it
-    max_layer_ratio: float = 1.4  # thickest layer over layer_height
-    allowance: float = 0.0  # metal wanted above nominal, for machining
+    layer_height: float = within(2.0e-3, 0.3e-3, 5e-3)  # nominal thickness of a layer
+    bead_width: float = within(6.0e-3, 1e-3, 20e-3)  # width of one bead
+    pitch_ratio: float = within(0.60, 0.4, 1.0)  # distance of neighbouring beads over bead width
+    speed: float = within(0.010, 1e-3, 0.05)  # travel speed of the nominal layer
+    speed_max: float = within(
+        0.018, 1e-3, 0.05
+    )  # fastest programmed travel with the arc on; leaves room to correct
+    segment_length: float = within(2.0e-3, 0.2e-3, 50e-3)  # longest segment with the arc on
+    min_layer: float = within(0.35, 0.05, 0.95)  # share of layer_height below which nothing is laid
+    tolerance: float = within(
+        0.0, 0.0, 5e-3
+    )  # allowed deviation of a restored surface; 0 = no finishing layers
+    finish_height: float = within(
+        0.0, 0.0, 5e-3
+    )  # of the finishing layers of a restoration; 0 = from the tolerance
+    finish_layers: int = within(3, 0, 5)  # number of finishing layers, 0 = none
+    finish_growth: float = within(
+        1.0, 1.0, 2.0
+    )  # thickness of a finishing layer over that of the one above it
+    allowance: float = within(0.0, -5e-3, 10e-3)  # metal wanted above nominal, for machining
     # a scan of which nearly all lies lower than this is not one of a worn part, but lies in another place
-    wear_limit: float = 15e-3
-    smoothing: float = 0.5  # window over which the as-found surface is smoothed, in bead widths
-    edge_inset: float = 0.2  # distance of bead ends from the edge of the region, in pitches
-    overrun: float = 1.0e-3  # metal laid over the free sides of the part, to be machined off
-    judged_rim: float = 1.0e-3  # along the edge of what was laid, not judged
-    pool_trail: float = 0.5e-3  # distance of the melt pool behind the arc
-    min_share: float = 0.25  # a bead goes on while at least this share of its band is in the region
-    feed_floor: float = 0.42  # of the nominal deposition rate; below it the torch goes faster
+    wear_limit: float = within(15e-3, 1e-3, 1.0)
+    smoothing: float = within(
+        0.5, 0.0, 2.0
+    )  # window over which the as-found surface is smoothed, in bead widths
+    edge_inset: float = within(
+        0.2, 0.0, 1.0
+    )  # distance of bead ends from the edge of the region, in pitches
+    overrun: float = within(
+        1.0e-3, 0.0, 10e-3
+    )  # metal laid over the free sides of the part, to be machined off
+    pool_trail: float = within(0.5e-3, 0.0, 20e-3)  # distance of the melt pool behind the arc
     direction: str = 'auto'  # of the beads: x, y, or auto = the longer side
     # none; reverse: even layers start opposite; cross: and turned by 90; turn: every layer by turn_deg
     alternation: str = 'reverse'
-    turn_deg: float = 67.0  # between the beads of neighbouring layers, alternation turn
-    contours: int = 1  # rings along the edge, strategy combined
+    turn_deg: float = within(
+        67.0, 0.0, 180.0
+    )  # between the beads of neighbouring layers, alternation turn
+    contours: int = within(1, 1, 20)  # rings along the edge, strategy combined
     stagger: bool = False  # beads of every second layer lie over the valleys of the one below
     # least distance of arc starts in neighbouring layers, where possible
-    start_spread: float = 5e-3
-    lead_in: float = 6e-3  # zone after an arc start in which lead_in_metal applies
-    lead_out: float = 6e-3  # zone before an arc end in which lead_out_metal applies
-    lead_in_metal: float = 1.0  # metal in the lead-in over the planned, below 1 against humps
-    lead_out_metal: float = 1.0  # metal in the lead-out over the planned, above 1 against a crater
+    start_spread: float = within(5e-3, 0.0, 50e-3)
+    lead_in_metal: float = within(
+        1.0, 0.3, 1.5
+    )  # metal in the lead-in over the planned, below 1 against humps
+    lead_out_metal: float = within(
+        1.0, 0.3, 2.0
+    )  # metal in the lead-out over the planned, above 1 against a crater
     # metal of the beads along the edge over what the schedule gives them; 0 = as the strategy needs it
-    edge_metal: float = 0.0
+    edge_metal: float = within(0.0, 0.5, 1.5)
     # distance of the outermost ring from the edge, in bead widths; 0 = as the strategy needs it
-    ring_inset: float = 0.0
-    corner_radius: float = 0.0  # of rings, in bead widths; 0 = as the strategy needs it
-    lead_on: float = 0.0  # s that the arc burns before the torch moves
-    lead_off: float = 0.0  # last stretch of a path that is travelled without arc
-    bead_time: float = 0.0  # s; after a shorter bead the torch waits for the rest of it
-    base_layers: int = 1  # lowest layers of a build, laid slower on the cold substrate
-    base_speed: float = 0.8  # of the nominal travel, in the base layers; the feed follows
+    ring_inset: float = within(0.0, 0.1, 0.5)
+    corner_radius: float = within(
+        0.0, 0.0, 1.0
+    )  # of rings, in bead widths; 0 = as the strategy needs it
+    lead_on: float = within(0.0, 0.0, 10.0)  # s that the arc burns before the torch moves
+    lead_off: float = within(
+        0.0, 0.0, 50e-3
+    )  # last stretch of a path that is travelled without arc
+    bead_time: float = within(
+        0.0, 0.0, 600.0
+    )  # s; after a shorter bead the torch waits for the rest of it
+    base_layers: int = within(
+        1, 0, 100
+    )  # lowest layers of a build, laid slower on the cold substrate
+    base_speed: float = within(
+        0.8, 0.3, 1.0
+    )  # of the nominal travel, in the base layers; the feed follows
     idle_law: str = 'harmonic'  # speeds of idle moves: harmonic, or plain = one speed
-    # of a straight idle leg; more = the motion follows the law more closely, and longer programs
-    idle_pieces: int = 72
-    idle_speed: float = 0.050  # fastest travel with the arc off
-    idle_acceleration: float = 0.5  # m/s2, highest with the arc off
+    idle_speed: float = within(0.050, 1e-3, 0.5)  # fastest travel with the arc off
+    idle_acceleration: float = within(0.5, 0.01, 50.0)  # m/s2, highest with the arc off
     # no metal higher than the clearance allows within this of an idle move
-    torch_radius: float = 0.010
-    scan_speed: float = 0.025  # travel while scanning
-    clearance: float = 0.010  # height of idle moves over the highest point
-    grid: float = 0.5e-3  # cell of maps made here
-    margin: float = 5e-3  # scanned around the wanted rectangle
-    overhang_limit_deg: float = 45.0  # steepest overhang from the vertical in a build
+    torch_radius: float = within(0.010, 0.0, 0.1)
+    scan_speed: float = within(0.025, 1e-3, 0.5)  # travel while scanning
+    clearance: float = within(0.010, 1e-3, 0.2)  # height of idle moves over the highest point
+    grid: float = within(0.5e-3, 0.05e-3, 5e-3)  # cell of maps made here
+    margin: float = within(5e-3, 0.0, 0.1)  # scanned around the wanted rectangle
+    overhang_limit_deg: float = within(
+        45.0, 5.0, 85.0
+    )  # steepest overhang from the vertical in a build
     overhang: str = 'refuse'  # what is steeper; flag: warn and build it
     strategy: str = 'solid'  # how layers are filled, see below; shell = one bead along the surface
     levels: str = 'equal'  # of a build; adaptive: thinner layers on slanting faces
-    adaptive_min: float = 0.6  # thinnest adaptive layer over layer_height
-    cusp: float = 0.8e-3  # largest step off a slanting face, adaptive layers
-    foot_height: float = 0.010  # up to here above the substrate, metal is added below overhangs
+    cusp: float = within(0.8e-3, 0.05e-3, 5e-3)  # largest step off a slanting face, adaptive layers
+    foot_height: float = within(
+        0.010, 0.0, 0.1
+    )  # up to here above the substrate, metal is added below overhangs
     # sections of a build that differ by less are planned once and repeated
-    growth_step: float = 1e-6
+    growth_step: float = within(1e-6, 0.0, 1e-3)
     scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
-    scanner_fov: float = 0.050  # width of a profile
-    scanner_overlap: float = 0.2  # of neighbouring scan passes, share of the field of view
+    scanner_fov: float = within(0.050, 1e-3, 1.0)  # width of a profile
     scanner_range: Pair = (-0.150, -0.100)  # measured z_s, lowest and highest
     machine_min: Triple = (-0.100, -0.080, -0.020)  # reach of torch_tcp in the work frame
     machine_max: Triple = (0.300, 0.220, 0.180)  # its other end
-    wire_diameter: float = 1.2e-3  # of the estimate and of programs written to a file
-    efficiency: float = 0.92  # metal in the bead over wire melted
-    voltage: float = 22.0  # V, of a program that is written to a file
-    arc_power: float = 4.0e3  # W, for the estimate of heat
-    arc_efficiency: float = 0.8  # heat in the part over energy of the arc
-    gas_flow: float = 2.5e-4  # m3/s of shielding gas while the arc burns (15 l/min)
+    wire_diameter: float = within(
+        1.2e-3, 0.5e-3, 5e-3
+    )  # of the estimate and of programs written to a file
+    efficiency: float = within(0.92, 0.3, 1.0)  # metal in the bead over wire melted
+    voltage: float = within(22.0, 5.0, 60.0)  # V, of a program that is written to a file
+    arc_power: float = within(4.0e3, 100.0, 50e3)  # W, for the estimate of heat
+    arc_efficiency: float = within(0.8, 0.1, 1.0)  # heat in the part over energy of the arc
+    gas_flow: float = within(
+        2.5e-4, 0.0, 2e-3
+    )  # m3/s of shielding gas while the arc burns (15 l/min)
     # of a build, metal below the part to be cut off; 0 = none, 10 to 15 mm where substrate and wire differ
-    compensation_height: float = 0.0
-    shrinkage: float = 0.0  # share by which a build shrinks when it cools; it is planned larger
-    teardrop: bool = False  # holes of a build that lie on their side end in a point
-    stiffener_spacing: float = 0.0  # of ribs across the thin walls of a build; 0 = none
-    stiffener_length: float = 10e-3  # of ribs, from the wall outwards
-    tangent_in: float = 0.0  # longest level way to a bead along its direction, arc off
-    tangent_out: float = 0.0  # the same from its end
-    overhang_passes: int = 1  # how often a bead of a build is laid that mostly overhangs
-    # sections of a build within growth_step of the one two below repeat its path, whatever the strategy
-    multi_level: bool = False
+    compensation_height: float = within(0.0, 0.0, 50e-3)
+    shrinkage: float = within(
+        0.0, -0.05, 0.05
+    )  # share by which a build shrinks when it cools; it is planned larger
     # by which a robot's positioner tilts the part towards the robot, +x up (waam_robot.tilt); 0 = level
-    tilt_deg: float = 0.0
+    tilt_deg: float = within(0.0, -100.0, 100.0)
     # the tilted part is held by a clamp over level ground at the work zero, not on the faceplate
     clamp: bool = False
 
@@ -254,6 +207,9 @@ class PlanSettings:
         return math.pi * self.wire_diameter**2 / 4
 
 
+_RANGES: dict[str, Pair] = {f.name: f.metadata['range'] for f in fields(PlanSettings) if f.metadata}
+
+
 def _problem(name: str, value: object) -> str:
     """What is wrong with one field by itself, '' when nothing is."""
     if name in _CHOICES:
@@ -268,7 +224,7 @@ def _problem(name: str, value: object) -> str:
             return f'{name} is {value!r}, not a finite number'
     if name in _ZERO_TOO and value == 0:
         return ''
-    low, high = _LIMITS.get(name, (-math.inf, math.inf))
+    low, high = _RANGES.get(name, (-math.inf, math.inf))
     if isinstance(value, (int, float)) and not low <= value <= high:
         return f'{name} is {value:g}, must be between {low:g} and {high:g}'
     return ''

@@ -7,12 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_robot.bead import make_bead
-from waam_robot.bodies import NOZZLE_END, TOOL, bodies_of, ends, frames_of
-from waam_robot.clearance import plan_clear
+from waam_robot.bodies import NOZZLE_END, bodies_of, ends, frames_of
 from waam_robot.collision import MARGIN, CollisionError, Scene, _spaced
-from waam_robot.joint_path import Machine, PlanError, plan
-from waam_robot.station import Station
+from waam_robot.positioner import Machine
+from waam_robot.station import Place, Station
 
 pytest.importorskip('coal', reason='scripts/setup.sh --robot installs it')
 
@@ -102,44 +100,11 @@ def test_places_are_as_near_to_each_other_as_is_wanted(moved):
     assert (np.diff(found) > 0).all() and np.diff(gone).max() < MARGIN + 1e-9
 
 
-def test_bead_under_what_was_laid_before():
-    """Nothing goes under a bridge; beside it there is room."""
-    bridge = make_bead(np.array([[-0.05, 0, 0.03], [0.05, 0, 0.03]]))
-    under = make_bead(np.array([[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]]))
-    beside = make_bead(np.array([[-0.05, 0.06, 0.0], [0.05, 0.06, 0.0]]))
-    assert len(plan_clear([bridge, beside], Scene(MACHINE))) == 2
-    with pytest.raises(
-        PlanError, match=r'bead 1, .* mm from its start.*: nozzle within 2 mm of part'
-    ):
-        plan_clear([bridge, under], Scene(MACHINE))
-    assert len(plan_clear([under, bridge], Scene(MACHINE))) == 2  # the other way round it works
-
-
-def test_a_bead_that_comes_under_itself():
-    a = np.linspace(0, 3 * np.pi, 200)
-    down = np.column_stack([0.05 * np.cos(a), 0.05 * np.sin(a), 0.06 - 0.012 * a / np.pi])
-    with pytest.raises(PlanError, match='bead 0, .*: nozzle within 2 mm of part'):
-        plan_clear([make_bead(down)], Scene(MACHINE))
-
-
-def test_another_spin_is_taken_where_the_bracket_would_touch():
-    bead = make_bead(np.array([[0.0, -0.01, 0.02], [0.0, 0.01, 0.02]]), step=1e-3)
-    usual = plan([bead], MACHINE)[0]
-    scene = Scene(MACHINE)
-    frames = frames_of(MACHINE.arm, MACHINE.positioner, usual.joints[:1])[0]
-    behind = np.linalg.inv(frames[-1]) @ frames[TOOL] @ [-0.18, 0.0, -0.105, 1.0]
-    scene.set_surface((behind[0] - 0.015, behind[1] - 0.015), 3e-3, np.full((10, 10), 0.2))
-    found = scene.first(usual.joints)
-    assert found is not None and found.bodies[0] in ('torch bracket', 'hand')
-    other = plan_clear([bead], scene)[0]
-    assert other.spin != usual.spin or other.branch != usual.branch
-    assert scene.first(other.joints, 0) is None
-
-
 def test_the_faceplate_is_in_the_way_of_what_is_below_it():
-    low = make_bead(np.array([[0.20, -0.02, -0.03], [0.20, 0.02, -0.03]]), step=1e-3)
-    with pytest.raises(PlanError, match='nozzle within 2 mm of faceplate'):
-        plan_clear([low], Scene(MACHINE))
+    place = STATION.place
+    station = Station(Place(low=(0.0, 0.0, -0.1), high=place.high))
+    found = Scene(MACHINE).first(station.joints(np.array([[0.4, 0.15, -0.03]])))
+    assert found is not None and found.text == 'nozzle within 2 mm of faceplate'
 
 
 @pytest.mark.parametrize(

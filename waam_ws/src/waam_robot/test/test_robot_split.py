@@ -7,18 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_robot.accuracy import AxisErrors, miss
-from waam_robot.arm import M20IB25
-from waam_robot.frames import pose_from_wpr, rotation
-from waam_robot.inverse import solve
+from waam_robot.frames import inverse, pose_from_wpr, rotation
 from waam_robot.positioner import Positioner
 from waam_robot.split import (
     SplitLimits,
-    between,
     chord_error,
     critical_radius,
     radius_error,
-    rebuilt,
     split,
     tilt,
     turn_angle,
@@ -56,6 +51,20 @@ def line(offset, direction, length=0.4, count=201, lean=0.0):
     s = np.linspace(-length / 2, length / 2, count)
     c, w = np.cos(direction), np.sin(direction)
     return path(s * c - offset * w, s * w + offset * c, lean)
+
+
+def rebuilt(found, positioner):
+    """(N, 4, 4): the part's poses from robot and positioner."""
+    return positioner.to_part(found.robot, found.b, found.c)
+
+
+def between(found, n, share, positioner):
+    """(3,): the point of the part a share of the way from point n - 1 to n, robot and positioner moving evenly."""
+    pose = np.eye(4)
+    pose[:3, 3], b, c = (
+        (1 - share) * v[n - 1] + share * v[n] for v in (found.robot[:, :3, 3], found.b, found.c)
+    )
+    return positioner.to_part(pose, b, c)[:3, 3]
 
 
 def test_table_2_2():
@@ -197,7 +206,9 @@ def test_printed_forms_contradict_the_table():
     assert np.ptp(azimuth(printed)) == pytest.approx(180)
     b = tilt(path([0.1], [0.0], lean=0.3))
     leaning = path([-0.1], [0.0], lean=0.3)
-    assert cell.to_faceplate(leaning, b)[0, 2, 2] == pytest.approx(1.0)  # upright after one B
+    assert (inverse(cell.faceplate(b)) @ leaning)[0, 2, 2] == pytest.approx(
+        1.0
+    )  # upright after one B
 
 
 @pytest.mark.parametrize('value', [0.0, -1.0, np.nan, np.inf])
@@ -211,34 +222,3 @@ def test_empty_and_single_paths():
     assert split(np.empty((0, 4, 4))).c.shape == (0,)
     one = split(circle(count=5)[:1])
     assert one.turns.tolist() == [False] and np.degrees(one.c) == pytest.approx(270)
-
-
-def test_split_makes_the_oval_truer_when_it_is_taught_and_only_then():
-    """The oval of the source: 500 mm, ovality 5 %, centred on the turn axis; errors of every axis, ten machines."""
-    a = np.linspace(0, 2 * np.pi, 181)
-    poses = path(0.25 * np.cos(a), 0.95 * 0.25 * np.sin(a))
-    alone = split(poses, CELL, SplitLimits(r_crit=9.0))
-    both = split(poses, CELL)
-    assert not alone.turns.any() and both.turns[1:].all()
-    found = {taught: [] for taught in (True, False)}
-    for seed in range(10):
-        errors = AxisErrors().draw(seed)
-        for taught, ratios in found.items():
-            worst = [
-                np.linalg.norm(
-                    miss(M20IB25, CELL, angles(way), way.b, way.c, errors, taught), axis=1
-                ).max()
-                for way in (alone, both)
-            ]
-            ratios.append(worst)
-    mean = {taught: np.mean(v, axis=0) for taught, v in found.items()}
-    assert 0.2e-3 < mean[True][0] < 1e-3
-    assert mean[True][1] / mean[True][0] < 0.45
-    assert mean[False][1] / mean[False][0] > 0.7
-
-
-def angles(way):
-    """(N, 6) of the source's arm, torch downwards, elbow up."""
-    held = way.robot.copy()
-    held[:, :3, :3] = rotation(0, np.pi)[:3, :3]
-    return np.unwrap(solve(M20IB25, held).theta[:, 0], axis=0)

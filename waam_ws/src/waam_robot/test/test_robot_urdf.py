@@ -1,4 +1,4 @@
-"""Arms from a URDF: the same machine two ways, beads followed with external axes, files that are wrong."""
+"""Arms from a URDF: the same machine two ways, files that are wrong."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_robot.bead import make_bead
-from waam_robot.joint_nodes import JUMP
-from waam_robot.joint_path import Machine, PlanError, plan
-from waam_robot.positioner import Positioner
-from waam_robot.timing import Drives, part_pose
+from waam_robot.arm import forward
+from waam_robot.frames import rotation
+from waam_robot.positioner import Machine, Positioner
+from waam_robot.timing import Drives
 from waam_robot.urdf_arm import UrdfChain
 from waam_robot.urdf_text import UrdfError, check_urdf, write_urdf
 
@@ -24,13 +23,6 @@ TEXT = write_urdf(MACHINE, Drives().speed)
 @pytest.fixture
 def pinocchio():
     return pytest.importorskip('pinocchio', reason='requirements-robot.txt is not installed')
-
-
-def arc(lean=0.4):
-    a = np.linspace(0, 0.6, 40)
-    points = np.stack([0.15 * np.cos(a), 0.15 * np.sin(a), 0 * a], axis=1)
-    out = np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)
-    return make_bead(points, [0, 0, np.cos(lean)] - np.sin(lean) * out, step=4e-3)
 
 
 def test_the_written_machine_is_the_same_machine(pinocchio):
@@ -50,72 +42,28 @@ def test_the_written_machine_is_the_same_machine(pinocchio):
         MACHINE.arm.high
     )
     joints = np.random.default_rng(0).uniform(-2, 2, (100, 8))
-    assert chain.forward(joints) == pytest.approx(part_pose(joints, MACHINE), abs=1e-12)
+    tip = forward(MACHINE.arm, joints[:, :6]) @ rotation(0, np.pi)
+    on_part = MACHINE.positioner.to_part(tip, joints[:, 6], joints[:, 7])
+    assert chain.forward(joints) == pytest.approx(on_part, abs=1e-12)
 
 
-@pytest.mark.parametrize('lean', [0.0, 0.4])
-def test_a_bead_is_followed_with_the_torch_upright(pinocchio, lean):
-    chain, bead = UrdfChain(TEXT), arc(lean)
-    near = plan([bead], MACHINE)[0].joints[0] + 0.05
-    found = chain.follow(bead, near)
-    pose = chain.forward(found.joints)
-    assert pose[:, :3, 3] == pytest.approx(bead.points, abs=1e-9)
-    assert pose[:, :3, 2] == pytest.approx(bead.axes, abs=1e-9)
-    assert found.off_flat < 1e-4 and found.margin > 0.3
-    assert np.abs(np.diff(found.joints, axis=0)).max() < JUMP
-    again = part_pose(found.joints, MACHINE)  # by the other kinematics
-    assert again[:, :3, 3] == pytest.approx(bead.points, abs=1e-9)
-
-
-def on_a_rail(text):
+def test_a_rail_in_the_chain_is_one_of_its_joints(pinocchio):
     """The arm on a linear axis of 2 m along x: nine joints."""
     rail = (
         '<link name="carriage"/><joint name="rail" type="prismatic"><parent link="world"/><child link="carriage"/>'
         '<axis xyz="1 0 0"/><limit lower="0" upper="2" velocity="1" effort="1"/></joint>'
     )
     first = '<parent link="world"/><child link="link1"/>'
-    assert first in text
-    return text.replace(first, first.replace('world', 'carriage')).replace(
+    assert first in TEXT
+    text = TEXT.replace(first, first.replace('world', 'carriage')).replace(
         '</robot>', rail + '</robot>'
     )
-
-
-def test_a_rail_in_the_chain_is_used_where_the_arm_alone_does_not_reach(pinocchio):
-    away = Machine(positioner=Positioner(a_b=2.9, d_b=0.35, d_c=0.15, turn_zero=-np.pi / 2))
-    bead = arc()
-    with pytest.raises(PlanError, match='out of reach'):
-        plan([bead], away)
-    chain = UrdfChain(on_a_rail(write_urdf(away, Drives().speed)))
+    chain, usual = UrdfChain(text), UrdfChain(TEXT)
     assert len(chain.names) == 9 and 'rail' in chain.names
-    found = chain.follow(make_bead(bead.points[:4], bead.axes[:4], step=4e-3))
-    assert found.joints[0, chain.names.index('rail')] > 0.5
-    pose = chain.forward(found.joints)
-    assert pose[-1, :3, 3] == pytest.approx(bead.points[3], abs=1e-3)
-    assert found.off_flat < 1e-3 and found.margin > 0
-
-
-def test_a_start_is_found_and_of_several_the_one_far_from_limits(pinocchio):
-    chain, bead = UrdfChain(TEXT), arc()
-    short = make_bead(bead.points[:2], bead.axes[:2], step=4e-3)
-    found = chain.follow(short)
-    assert found.margin > 0.3
-    assert (found.joints >= chain.low).all() and (found.joints <= chain.high).all()
-
-
-def test_what_cannot_be_followed_is_named_with_its_place(pinocchio):
-    chain = UrdfChain(TEXT)
-    far = make_bead(np.array([[9.0, 0, 0], [9.0, 0.01, 0]]), step=5e-3)
-    with pytest.raises(
-        PlanError,
-        match=r'0.0 mm from the start .* \(9000.0, 0.0, 0.0\) mm of the part: out of reach',
-    ):
-        chain.follow(far)
-    away = make_bead(np.array([[0.15, 0, 0], [0.15, 0, 3.0]]), step=0.05)
-    start = plan([make_bead(away.points[:2], step=0.02)], MACHINE)[0].joints[0]
-    with pytest.raises(
-        PlanError, match=r'mm from the start of the bead, at \(150.0, 0.0, .*: (out of|joint)'
-    ):
-        chain.follow(away, start)
+    joints = np.full((1, 9), 0.3)
+    joints[0, chain.names.index('rail')] = 0.5
+    moved = chain.forward(joints)[0, :3, 3] - usual.forward(np.full((1, 8), 0.3))[0, :3, 3]
+    assert np.linalg.norm(moved) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

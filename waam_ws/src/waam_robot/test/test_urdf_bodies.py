@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waam_robot.bodies import CRADLE, PART, TOOL, bodies_of, ends, frames_of
-from waam_robot.joint_path import Machine
+from waam_robot.positioner import Machine
 from waam_robot.timing import Drives
 from waam_robot.urdf_bodies import UrdfCell
 from waam_robot.urdf_station import UrdfPlace, UrdfStation

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waam_robot.joint_path import Machine
+from waam_robot.positioner import Machine
 from waam_robot.station import Station, StationError
 from waam_robot.timing import Drives
 from waam_robot.urdf_station import UrdfPlace, UrdfStation

@@ -1,10 +1,7 @@
-"""How far the wire tip misses its place on the part when every axis has small errors: a stated model.
+"""Small errors of every axis, six of the arm and two of the positioner: a stated model.
 
-Every axis, six of the arm and two of the positioner, stands off its true angle by a constant (`offset`) and by two
-waves of its gear (`wave`; one and `waves` periods per turn, phases at random). The positioner's turn axis lies off by
-`axis_offset` along x and y. `taught`: the program is taught at the first point of its path, as welders do; the miss
-there is taken off, as a shift in the robot's frame. Without that the split gains next to nothing: the constant miss at
-the place where the robot works stays, and turning the part does not take it away.
+Each stands off its true angle by a constant (`offset`) and two waves of its gear (`wave`; one and `waves` periods per
+turn, phases at random). The positioner's turn axis lies off by `axis_offset` along x and y.
 """
 
 from __future__ import annotations
@@ -13,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arm import AXES, Arm, forward
-from .positioner import Positioner
+from .arm import AXES
 
 
 @dataclass(frozen=True)
@@ -53,34 +49,3 @@ class DrawnErrors:
         slow = self.wave[0] * np.sin(angles + self.phase[0])
         fast = self.wave[1] * np.sin(self.waves * angles + self.phase[1])
         return self.offset + slow + fast
-
-
-def miss(
-    arm: Arm,
-    positioner: Positioner,
-    theta: np.ndarray,
-    b: np.ndarray,
-    c: np.ndarray,
-    errors: DrawnErrors,
-    taught: bool = True,
-) -> np.ndarray:
-    """(N, 3) m: where the wire tip is minus where it should be, in the part's frame.
-
-    theta (N, 6), b, c (N,): what the program commands, rad.
-    """
-    axes = np.column_stack([theta, b, c])
-    off = axes + errors.of(axes)
-    meant = positioner.to_part(forward(arm, theta), b, c)[:, :3, 3]
-    tip = forward(arm, off[:, :AXES])
-    tip[:, :2, 3] -= errors.axis
-    if taught and len(tip):
-        first = positioner.to_robot(_at(meant[:1]), off[:1, 6], off[:1, 7])[0, :3, 3]
-        tip[:, :3, 3] += first - tip[0, :3, 3]
-    return positioner.to_part(tip, off[:, 6], off[:, 7])[:, :3, 3] - meant
-
-
-def _at(points: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) upright poses at points (N, 3)."""
-    out = np.broadcast_to(np.eye(4), (len(points), 4, 4)).copy()
-    out[:, :3, 3] = points
-    return out

@@ -88,15 +88,6 @@ def step(link: Link, theta: np.ndarray) -> np.ndarray:
     return out
 
 
-def jacobian(arm: Arm, theta: np.ndarray) -> np.ndarray:
-    """(..., 6, 6): velocity (m/s) above angular velocity (rad/s) of the wire tip per joint speed, base frame."""
-    frames = link_frames(arm, theta)
-    tip = (frames[..., -1, :, :] @ arm.tool)[..., :3, 3]
-    axes = np.swapaxes(frames[..., :-1, :3, 2], -1, -2)  # (..., 3, 6)
-    levers = tip[..., :, None] - np.swapaxes(frames[..., :-1, :3, 3], -1, -2)
-    return np.concatenate([np.cross(axes, levers, axis=-2), axes], axis=-2)
-
-
 def in_limits(arm: Arm, theta: np.ndarray) -> np.ndarray:
     """(...,) bool: DH angles (..., 6) as they stand, without turns added."""
     theta = np.asarray(theta, float)

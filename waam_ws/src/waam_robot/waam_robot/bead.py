@@ -1,4 +1,4 @@
-"""A bead as the planner of joint paths wants it: points of the part at even steps, corners rounded, and torch axes."""
+"""A path of the torch at even steps, with its corners rounded."""
 
 from __future__ import annotations
 
@@ -7,72 +7,48 @@ from dataclasses import dataclass
 import numpy as np
 
 FINE = 2e-5  # m: step while corners are rounded
-MOST_POINTS = 2_000_000
+MAX_POINTS = 2_000_000
 
 
 @dataclass(frozen=True)
 class Bead:
-    """points: (N, 3) of the part, m; axes: (N, 3) unit vectors from the part into the torch; way: (N,) arc length, m,
-    rising; rounding: m, how far the rounded path leaves the given one at most.
-    """
+    """points: (N, 3) m; way: (N,) arc length, m, rising."""
 
     points: np.ndarray
-    axes: np.ndarray
     way: np.ndarray
-    rounding: float = 0.0
 
     @property
     def length(self) -> float:
         return float(self.way[-1])
 
 
-def make_bead(
-    points: np.ndarray,
-    axes: np.ndarray | None = None,
-    step: float = 0.1e-3,
-    corner: float = 0.5e-3,
-) -> Bead:
-    """The bead along a polyline (M, 3) with torch axes (M, 3), upright without.
+def make_bead(points: np.ndarray, step: float = 0.1e-3, corner: float = 0.5e-3) -> Bead:
+    """The bead along a polyline (M, 3).
 
     Corners are rounded by a mean over `corner` (m) to both sides, weighted towards the middle: a right angle is cut by
-    0.24 of it, straight stretches stay, both ends stay. ValueError for a path without length, with values that are not
-    finite or with axes without length.
+    0.24 of it, straight stretches stay, both ends stay. ValueError for a path without length or with values that are
+    not finite.
     """
     points = np.asarray(points, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise ValueError(f'a bead has points of shape (M, 3), M > 1, not {points.shape}')
-    axes = np.broadcast_to([0.0, 0.0, 1.0], points.shape) if axes is None else np.asarray(axes)
-    if axes.shape != points.shape:
-        raise ValueError(f'{len(points)} points, but torch axes of shape {axes.shape}')
-    if not (np.isfinite(points).all() and np.isfinite(axes).all()):
+    if not np.isfinite(points).all():
         raise ValueError('a bead has a value that is not finite')
-    size = np.linalg.norm(axes, axis=1)
-    if (size < 1e-9).any():
-        raise ValueError(f'point {int(np.argmin(size))}: a torch axis without length')
     if not (step > 0 and corner >= 0):
         raise ValueError(f'step {step}, corner {corner}: wanted positive lengths')
-    return _even(points, axes / size[:, None], step, corner)
-
-
-def _even(points: np.ndarray, axes: np.ndarray, step: float, corner: float) -> Bead:
     given = way_along(points)
     if not given[-1] > 1e-6:
         raise ValueError(f'a bead of {given[-1] * 1e3:.4f} mm')
-    if given[-1] / min(step, FINE) > MOST_POINTS:
+    if given[-1] / min(step, FINE) > MAX_POINTS:
         raise ValueError(
-            f'a bead of {given[-1]:.1f} m; at most {MOST_POINTS * min(step, FINE):.0f} m'
+            f'a bead of {given[-1]:.1f} m; at most {MAX_POINTS * min(step, FINE):.0f} m'
         )
     keep = np.concatenate([[True], np.diff(given) > 0])
     fine = np.linspace(0, given[-1], max(int(np.ceil(given[-1] / FINE)), 2) + 1)
-    dense, turned = at_ways(given[keep], points[keep], fine), at_ways(given[keep], axes[keep], fine)
-    half = int(corner / FINE)
-    smooth = _rounded(dense, half)
+    smooth = _rounded(at_ways(given[keep], points[keep], fine), int(corner / FINE))
     way = way_along(smooth)
     even = np.linspace(0, way[-1], max(int(np.ceil(way[-1] / step)), 3) + 1)
-    axis = at_ways(way, _rounded(turned, half), even)
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
-    off = float(np.linalg.norm(smooth - dense, axis=1).max())
-    return Bead(at_ways(way, smooth, even), axis, even, off)
+    return Bead(at_ways(way, smooth, even), even)
 
 
 def way_along(points: np.ndarray) -> np.ndarray:
@@ -83,11 +59,6 @@ def way_along(points: np.ndarray) -> np.ndarray:
 def at_ways(way: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """(k, 3): values (N, 3) at the lengths `wanted` (k,), between those at `way` (N,), rising."""
     return np.stack([np.interp(wanted, way, values[:, n]) for n in range(3)], axis=1)
-
-
-def evened(values: np.ndarray, half: int) -> np.ndarray:
-    """(N,): weighted mean of (N,) over `half` samples to both sides; both ends and straight stretches stay."""
-    return np.asarray(_rounded(values[:, None], half)[:, 0])
 
 
 def _rounded(values: np.ndarray, half: int) -> np.ndarray:

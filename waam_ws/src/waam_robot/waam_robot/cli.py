@@ -1,4 +1,4 @@
-"""waam robot: kinematics and motion split on the command line, with the files of the source's program."""
+"""waam robot: kinematics and motion split on the command line."""
 
 from __future__ import annotations
 
@@ -6,35 +6,26 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # numpy is loaded only when a verb runs
     import numpy as np
 
-    from .arm import Arm
-    from .config_xml import Chain
     from .joints import Counting
-
-Read = TypeVar('Read')
 
 EPILOG = """\
 examples:
   waam robot fk 30 60 -20 40 50 60                        joint angles in degrees -> flange and tool, mm and degrees
   waam robot fk 0 0 0 0 0 0 --zero vertical --coupled     counted as the pendant does
   waam robot ik 1211.277 299.969 853.587 -90.8 -35.6 -28  a pose -> all branches, and which limits they break
-  waam robot xml -o robot.xml                             the arm of the source as its own XML
   waam robot urdf -o cell.urdf                            arm and tilt-turn positioner for other programs
-  waam robot fk -c robot.xml -i f_input.txt -o f_output.txt     the source's files: angles -> poses
-  waam robot ik -c robot.xml -i i_input.txt -o i_output.txt     poses -> angles, branch nearest to the state before
   waam robot split points.txt -o split.txt --speed 20     a path divided between robot and positioner
 
-Files hold one point per line, numbers between semicolons. f_input: six angles, rad (with -c one per joint).
-i_input: six angles of the state before, the rotation matrix by rows, x; y; z in mm.
-split: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
-With -c, angles are those of the XML: J2 = 0 upright, J3 against the upper arm.
+points.txt has one point per line: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
 
-The arm without -c is the M-20iB/25 of source 003. No robot is moved by any of this.
+The arm is the M-20iB/25 of source 003. No robot is moved by any of this.
 """
+MAX_LINES = 1_000_000
 
 
 def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -47,32 +38,12 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = p.add_subparsers(dest='robot_command', metavar='VERB', required=True)
-    _register_kinematics(verbs)
-    _register_split(verbs)
-    xml = verbs.add_parser('xml', help="write the source's arm as its XML")
-    _add_output(xml)
-    xml.set_defaults(run_command=_guarded, verb=write_xml)
-    urdf = verbs.add_parser('urdf', help='write the arm with a tilt-turn positioner as a URDF')
-    _add_output(urdf)
-    urdf.set_defaults(run_command=_guarded, verb=write_urdf_verb)
-
-
-def _register_kinematics(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    for name, names, text, verb in (
-        (
-            'fk',
-            'J1 J2 J3 J4 J5 J6 (with -c: of its joints)',
-            'joint angles -> where flange and tool are',
-            forward_verb,
-        ),
-        ('ik', 'X Y Z W P R', 'where the tool is -> joint angles, all branches', inverse_verb),
-    ):
+    for name, names, unit, text, verb in (
+        ('fk', 'J1 J2 J3 J4 J5 J6', 'degrees', 'joint angles -> where flange and tool are', forward_verb),
+        ('ik', 'X Y Z W P R', 'mm and degrees', 'where the tool is -> joint angles, all branches', inverse_verb),
+    ):  # fmt: skip
         p = verbs.add_parser(name, help=text, description=text)
-        unit = 'degrees' if name == 'fk' else 'mm and degrees'
         p.add_argument('numbers', type=float, nargs='*', metavar='N', help=f'{names}, {unit}')
-        p.add_argument('-c', '--config', type=Path, metavar='XML', help="arm in the source's XML")
-        p.add_argument('-i', '--input', type=Path, metavar='FILE', help='points to compute')
-        _add_output(p)
         p.add_argument(
             '--zero',
             choices=('dh', 'vertical'),
@@ -82,14 +53,18 @@ def _register_kinematics(verbs: argparse._SubParsersAction[argparse.ArgumentPars
         p.add_argument(
             '--coupled', action='store_true', help='J3 is the forearm against the base (pendant)'
         )
-        p.set_defaults(run_command=_guarded, verb=verb)
+        _finish(p, verb)
+    _register_split(verbs)
+    _finish(
+        verbs.add_parser('urdf', help='write the arm with a tilt-turn positioner as a URDF'),
+        write_urdf_verb,
+    )
 
 
 def _register_split(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     text = 'divide a path between robot and positioner'
     p = verbs.add_parser('split', help=text, description=text)
     p.add_argument('points', type=Path, metavar='FILE', help='X; Y; Z; W; P; R per line')
-    _add_output(p)
     p.add_argument(
         '--delta0', type=float, default=0.2, metavar='MM', help='arc off its chord, default 0.2 mm'
     )
@@ -103,11 +78,12 @@ def _register_split(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) 
         '--speed', type=float, metavar='MM/S', help='r-crit from travel speed over --turn-speed'
     )
     p.add_argument('--turn-speed', type=float, default=190.0, metavar='DEG/S', help='default 190')
-    p.set_defaults(run_command=_guarded, verb=split_verb)
+    _finish(p, split_verb)
 
 
-def _add_output(p: argparse.ArgumentParser) -> None:
+def _finish(p: argparse.ArgumentParser, verb: Callable[[argparse.Namespace], str]) -> None:
     p.add_argument('-o', '--output', type=Path, metavar='FILE', help='default: the screen')
+    p.set_defaults(run_command=_guarded, verb=verb)
 
 
 def _guarded(args: argparse.Namespace) -> int:
@@ -128,17 +104,9 @@ def _guarded(args: argparse.Namespace) -> int:
 # ---- verbs: arguments -> text ------------------------------------------------------------------
 
 
-def write_xml(_args: argparse.Namespace) -> str:
-    """The source's arm as XML."""
-    from . import config_xml
-    from .arm import M20IB25
-
-    return config_xml.write(config_xml.chain_of(M20IB25))
-
-
 def write_urdf_verb(_args: argparse.Namespace) -> str:
     """Arm and positioner, drawn as plain cylinders."""
-    from .joint_path import Machine
+    from .positioner import Machine
     from .timing import Drives
     from .urdf_text import write_urdf
 
@@ -146,28 +114,12 @@ def write_urdf_verb(_args: argparse.Namespace) -> str:
 
 
 def forward_verb(args: argparse.Namespace) -> str:
-    """A file of poses, or flange and tool of one set of angles."""
+    """Flange and tool of one set of angles."""
     import numpy as np
 
-    from . import points
-    from .arm import AXES, M20IB25, forward, limit_text
+    from .arm import M20IB25, forward, limit_text
 
-    chain = _chain(args)
-    joints = len(chain.joints) if chain else AXES
-    if not joints:
-        raise ValueError(f'{args.config}: the chain has no joint')
-    if args.input:
-        angles = _read(args.input, lambda text: points.read_angles(text, joints))
-        poses = chain.forward(angles) if chain else forward(M20IB25, _counting(args).to_dh(angles))
-        return points.pose_lines(poses)
-    if chain and len(args.numbers) != joints:
-        told = f'the chain has {joints} joints, and {len(args.numbers)} numbers are given'
-        raise ValueError(f'{told}; wanted their angles in degrees, or -i FILE')
-    angles = np.radians(_numbers(args, joints, 'joint angles in degrees, or -i FILE'))
-    if chain:
-        tip = _pose_text('tip', chain.forward(angles))
-        beyond = chain.beyond(angles)
-        return tip + (f'limits: {beyond}\n' if beyond else '')
+    angles = np.radians(_numbers(args, 'joint angles in degrees'))
     theta = _counting(args).to_dh(angles)
     beyond = limit_text(M20IB25, theta)
     return (
@@ -178,50 +130,29 @@ def forward_verb(args: argparse.Namespace) -> str:
 
 
 def inverse_verb(args: argparse.Namespace) -> str:
-    """A file of angles, or a table of the branches of one pose."""
+    """A table of the branches of one pose."""
     import numpy as np
 
-    from . import config_xml, inverse, points
-    from .arm import M20IB25, ArmError
+    from . import inverse
+    from .arm import M20IB25, ArmError, limit_text
     from .frames import pose_from_wpr
-
-    chain = _chain(args)
-    arm = config_xml.arm_of(chain, args.config.name) if chain else M20IB25
-    if args.input:
-        before, poses = _read(args.input, points.read_inverse)
-        to_dh = config_xml.from_file if chain else _counting(args).to_dh
-        from_dh = config_xml.to_file if chain else _counting(args).from_dh
-        found = inverse.solve(arm, poses)
-        try:
-            chosen = [inverse.choose(arm, found, n, to_dh(b))[1] for n, b in enumerate(before)]
-        except ArmError as e:
-            raise ValueError(f'{args.input}: {e} (points count from 0)') from None
-        return points.number_lines(from_dh(np.array(chosen)))
-    numbers = _numbers(args, 6, 'X Y Z in mm and W P R in degrees, or -i FILE')
-    pose = pose_from_wpr(numbers[:3] * 1e-3, np.radians(numbers[3:]))
-    return _branch_table(arm, pose, args, chain is not None)
-
-
-def _branch_table(arm: Arm, pose: np.ndarray, args: argparse.Namespace, of_file: bool) -> str:
-    import numpy as np
-
-    from . import config_xml, inverse
-    from .arm import ArmError, limit_text
     from .joints import Counting
 
-    found = inverse.solve(arm, pose[None])
+    numbers = _numbers(args, 'X Y Z in mm and W P R in degrees')
+    pose = pose_from_wpr(numbers[:3] * 1e-3, np.radians(numbers[3:]))
+    found = inverse.solve(M20IB25, pose[None])
     if not found.any[0]:
-        raise ArmError(inverse.unreachable_text(arm, found, 0))
+        raise ArmError(inverse.unreachable_text(M20IB25, found, 0))
     lines = ['branch    J1       J2       J3       J4       J5       J6   deg']
     for b in range(inverse.BRANCHES):
         theta = found.theta[0, b]
         if not found.reachable[0, b]:
             lines.append(f'{b:4d}    out of reach (k = {found.stretch[0, b // 4]:.3f})')
             continue
-        told = config_xml.to_file(theta) if of_file else _counting(args).from_dh(theta)
-        numbers = ' '.join(f'{v:8.3f}' for v in np.degrees(told))
-        lines.append(f'{b:4d}  {numbers}  {limit_text(arm, theta)}'.rstrip())
-    if not of_file and _counting(args) != Counting():
+        shown = np.degrees(_counting(args).from_dh(theta))
+        columns = ' '.join(f'{v:8.3f}' for v in shown)
+        lines.append(f'{b:4d}  {columns}  {limit_text(M20IB25, theta)}'.rstrip())
+    if _counting(args) != Counting():
         lines.append('# limits: theta2 and theta3 as the DH table counts them, not as the columns')
     return '\n'.join(lines) + '\n'
 
@@ -230,10 +161,10 @@ def split_verb(args: argparse.Namespace) -> str:
     """X; Y; Z; W; P; R; B; C; turns; delta0; delta1 per point, as the source's table 2.2 (W = -B, P = 0, R = C)."""
     import numpy as np
 
-    from . import points, split
+    from . import split
     from .frames import pose_from_wpr
 
-    numbers = _read(args.points, lambda t: points.read_numbers(t, 6, 'X; Y; Z (mm); W; P; R (deg)'))
+    numbers = _points(args.points)
     if args.speed is not None and args.r_crit is not None:
         raise ValueError('--speed computes r-crit: give one of them')
     r_crit = 10e-3 if args.r_crit is None else args.r_crit * 1e-3
@@ -265,12 +196,11 @@ def split_verb(args: argparse.Namespace) -> str:
 # ---- arguments ---------------------------------------------------------------------------------
 
 
-def _numbers(args: argparse.Namespace, count: int, wanted: str) -> np.ndarray:
+def _numbers(args: argparse.Namespace, wanted: str) -> np.ndarray:
     import numpy as np
 
-    if len(args.numbers) != count:
-        told = 'six' if count == 6 else str(count)
-        raise ValueError(f'{len(args.numbers)} numbers given; wanted {told}: {wanted}')
+    if len(args.numbers) != 6:
+        raise ValueError(f'{len(args.numbers)} numbers given; wanted six: {wanted}')
     if not np.isfinite(args.numbers).all():
         raise ValueError('a number that is not finite')
     return np.array(args.numbers)
@@ -282,29 +212,35 @@ def _counting(args: argparse.Namespace) -> Counting:
     return Counting(args.zero, args.coupled)
 
 
-def _chain(args: argparse.Namespace) -> Chain | None:
-    if args.input and args.numbers:
-        raise ValueError('numbers and -i FILE: give one of them')
-    if args.config is None:
-        return None
-    if args.coupled or args.zero != 'dh':
-        raise ValueError('--zero and --coupled do not go with -c: the XML says how angles count')
-    from . import config_xml
+def _points(file: Path) -> np.ndarray:
+    """(N, 6) of lines with six numbers between semicolons; empty lines and those that begin with # are passed over.
+    ValueError names file and line."""
+    import numpy as np
 
     try:
-        return config_xml.read(args.config.read_bytes())
-    except ValueError as e:
-        raise ValueError(f'{args.config}, {e}') from None
-
-
-def _read(file: Path, reader: Callable[[str], Read]) -> Read:
-    """What the reader makes of the file; its errors with the name of the file."""
-    try:
-        return reader(file.read_text(encoding='utf-8'))
+        lines = file.read_text(encoding='utf-8').splitlines()
     except UnicodeDecodeError:
         raise ValueError(f'{file}: no text') from None
-    except ValueError as e:
-        raise ValueError(f'{file}, {e}') from None
+    if len(lines) > MAX_LINES:
+        raise ValueError(f'{file}: {len(lines)} lines; at most {MAX_LINES}')
+    rows = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.lstrip()[0] == '#':
+            continue
+        cells = [c.strip() for c in line.rstrip().rstrip('.;').split(';')]
+        said = f'{file}, line {number}: '
+        if len(cells) != 6:
+            wanted = 'X; Y; Z (mm); W; P; R (deg)'
+            raise ValueError(f'{said}{len(cells)} numbers between ";", wanted {wanted}')
+        try:
+            rows.append([float(c) for c in cells])
+        except ValueError:
+            raise ValueError(f'{said}"{line.strip()[:40]}" holds no number') from None
+        if not np.isfinite(rows[-1]).all():
+            raise ValueError(f'{said}a number that is not finite')
+    if not rows:
+        raise ValueError(f'{file}: no line with numbers')
+    return np.array(rows)
 
 
 def _pose_text(name: str, pose: np.ndarray) -> str:

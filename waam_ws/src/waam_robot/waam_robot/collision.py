@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from .arm import AXES
-from .bead import at_ways, way_along
 from .bodies import (
     CRADLE,
     FACEPLATE_RADIUS,
@@ -26,12 +25,11 @@ from .bodies import (
     ends,
     frames_of,
 )
-from .joint_path import Machine
+from .positioner import Machine
 
 MARGIN = 2e-3  # m
 BLOCK = 2000  # places at once
 FINEST = 1e-3  # m: cells of a surface are not finer for the check
-COARSE = 4e-3  # m: pieces of a bead
 THICK = 10e-3  # m: of metal under a surface whose bottom nobody has said
 
 
@@ -95,8 +93,6 @@ class Scene:
         self._standing += [self._of_cylinder(n) for n in range(len(self.bodies.cylinders))]
         self._standing += [self._of_block(block) for block in self.bodies.blocks]
         self._surface: _Solid | None = None
-        self._pieces: list[_Solid] = []
-        self._boxes = np.zeros((0, 2, 3))  # of the pieces, low and high
 
     # ---- the part
 
@@ -120,29 +116,14 @@ class Scene:
         field = self._coal.HeightFieldAABB(*size, np.ascontiguousarray(nodes), bottom)
         self._surface = _Solid('part', PART, field, place, low, high)
 
-    def lay(self, points: np.ndarray, width: float) -> int:
-        """A bead along points (N, 3) m of the part's frame becomes part of it, `width` m thick all around. Returns how
-        many pieces the part has now."""
-        points = np.asarray(points, float)
-        way = way_along(points)
-        marks = np.linspace(0, way[-1], max(int(np.ceil(way[-1] / COARSE)), 1) + 1)
-        even = at_ways(way, points, marks)
-        for a, b in zip(even, even[1:], strict=False):
-            piece = Capsule('part', PART, tuple(a), tuple(b), width / 2, AXES)
-            self._pieces.append(self._of_capsule(piece))
-        self._boxes = np.array([(s.low, s.high) for s in self._pieces]).reshape(-1, 2, 3)
-        return len(self._pieces)
-
     # ---- the path
 
-    def first(self, joints: np.ndarray, pieces: int | None = None) -> Contact | None:
-        """The first contact along a joint path (N, 8) rad, straight in the joints between its places. pieces: as many
-        of those laid as count, all by default."""
-        pieces = len(self._pieces) if pieces is None else pieces
+    def first(self, joints: np.ndarray) -> Contact | None:
+        """The first contact along a joint path (N, 8) rad, straight in the joints between its places."""
         joints, index = self._closely(np.asarray(joints, float))
         for begin in range(0, len(joints), BLOCK):
             some = joints[begin : begin + BLOCK]
-            found = self._first(self._frames(some), pieces)
+            found = self._first(self._frames(some))
             if found is not None:
                 n, names = found
                 frames = self._frames(some[n : n + 1])[0]
@@ -185,15 +166,11 @@ class Scene:
         """(3,), (3,) m, part's frame: part and faceplate."""
         r = FACEPLATE_RADIUS
         low, high = np.array([-r, -r, -0.1]), np.array([r, r, 0.0])
-        boxes = [
-            *self._boxes,
-            *([(self._surface.low, self._surface.high)] if self._surface else []),
-        ]
-        for a, b in boxes:
-            low, high = np.minimum(low, a), np.maximum(high, b)
+        if self._surface:
+            low, high = np.minimum(low, self._surface.low), np.maximum(high, self._surface.high)
         return low, high
 
-    def _first(self, frames: np.ndarray, pieces: int) -> tuple[int, tuple[str, str]] | None:
+    def _first(self, frames: np.ndarray) -> tuple[int, tuple[str, str]] | None:
         """(place, names) of the first contact at the places (N, FRAMES, 4, 4)."""
         best: tuple[int, tuple[str, str]] | None = None
         lines = ends(self.bodies.capsules, frames)
@@ -206,22 +183,7 @@ class Scene:
                 at = next((int(n) for n in near if self._touch(k, frames[n], solid)), None)
                 if at is not None:
                     best = at, (capsule.name, solid.name)
-            if pieces and capsule.link > 1:
-                stop = len(frames) if best is None else best[0]
-                box = self._box(k, lines[:stop], frames[:stop], PART)
-                at = self._on_pieces(k, box, frames, pieces)
-                if at is not None:
-                    best = at, (capsule.name, 'part')
         return best
-
-    def _on_pieces(self, k: int, box: np.ndarray, frames: np.ndarray, pieces: int) -> int | None:
-        """First place at which capsule k touches one of the first pieces; box: (N, 2, 3) of it in the part's frame."""
-        low, high = self._boxes[:pieces, 0], self._boxes[:pieces, 1]
-        for n in np.flatnonzero(_overlap(box, low.min(axis=0), high.max(axis=0))):
-            near = np.flatnonzero(((box[n, 0] <= high) & (box[n, 1] >= low)).all(axis=1))
-            if any(self._touch(k, frames[n], self._pieces[i]) for i in near):
-                return int(n)
-        return None
 
     def _against(self, capsule: Capsule) -> list[_Solid]:
         """What a capsule may hit: lower links that it is not joined to, the positioner, the part."""

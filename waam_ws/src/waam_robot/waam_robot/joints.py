@@ -49,5 +49,4 @@ class Counting:
         return angles
 
 
-DH = Counting('dh', coupled=False)
-PENDANT = Counting('vertical', coupled=True)
+DH = Counting()

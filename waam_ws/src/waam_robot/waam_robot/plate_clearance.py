@@ -17,39 +17,20 @@ from .bodies import (
     frames_of,
 )
 from .frames import inverse
-from .joint_path import BeadPath, PlanError, Refused
 from .positioner import Positioner
 
 WANTED = 0.02  # m between arm and faceplate
 FRONT = 0.03  # m before the faceplate: only places of the torch beyond it count
 SAMPLES = np.linspace(0.0, 1.0, 9)  # along a capsule
-STRIDE = 5  # points of the path
 
 
 class PlateClearance:
-    """For `joint_path.plan`: refuses paths (level positioner) on which the arm would be too near to the faceplate at
-    `tilt` (rad). `best`: m, of all that it saw."""
+    """Of an arm from the faceplate at `tilt` (rad)."""
 
     def __init__(self, arm: Arm, positioner: Positioner, tilt: float) -> None:
         self._arm, self._positioner, self._tilt = arm, positioner, tilt
         self._capsules = Bodies((*arm_capsules(arm), TORCH[1])).capsules
         self._radii = np.array([c.radius for c in self._capsules])
-        self.best, self.wanted = -np.inf, WANTED
-
-    def __call__(self, number: int, path: BeadPath) -> Refused | None:
-        free = self.of(path.joints[::STRIDE])
-        self.best = max(self.best, free)
-        if free >= self.wanted:
-            return None
-        return Refused(
-            0.0, f'the arm would be {free * 1e3:.0f} mm from the tilted faceplate', False
-        )
-
-    def settle(self, error: PlanError) -> None:
-        """The best that there was will do. The error itself where nothing was seen."""
-        if self.wanted <= self.best or not np.isfinite(self.best):
-            raise error
-        self.wanted = self.best
 
     def of(self, joints: np.ndarray) -> float:
         """m, least distance along (N, 8) joints, whatever their B; negative = inside. inf where the torch is never

@@ -6,11 +6,11 @@ z pointing out of the part (the torch's axis, towards its body).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .arm import Link, step
+from .arm import M20IB25, Arm, Link, step
 from .frames import inverse, rotation
 
 QUARTER = np.pi / 2
@@ -39,13 +39,6 @@ class Positioner:
         tilt = step(Link(self.d_bb, 0.0, -QUARTER), np.asarray(b, float))
         return base @ tilt @ step(Link(self.d_c), np.zeros(()))
 
-    def to_faceplate(self, poses: np.ndarray, b: np.ndarray | float) -> np.ndarray:
-        """S3 eq 2.5: poses (..., 4, 4) of the robot's frame as the faceplate, tilted by B, sees them.
-
-        The printed product turns by B twice; here it is the inverse of `faceplate`.
-        """
-        return inverse(self.faceplate(b)) @ poses
-
     def turned(self, poses: np.ndarray, c: np.ndarray | float) -> np.ndarray:
         """S3 eq 2.6: poses of the part's frame when the part is turned by C, on the faceplate that stands still.
 
@@ -68,3 +61,11 @@ class Positioner:
     ) -> np.ndarray:
         """The inverse of `to_robot`: what tool poses (..., 4, 4) of the robot's frame are on the part."""
         return inverse(self.to_robot(np.eye(4), b, c)) @ poses
+
+
+@dataclass(frozen=True)
+class Machine:
+    """An arm and the positioner before it."""
+
+    arm: Arm = M20IB25
+    positioner: Positioner = field(default_factory=lambda: Positioner(a_b=1.2, d_b=0.35, d_c=0.15))

@@ -151,20 +151,3 @@ def without_spin(poses: np.ndarray) -> np.ndarray:
     x /= np.linalg.norm(x, axis=1)[:, None]
     out[:, :3, 0], out[:, :3, 1] = x, np.cross(z, x)
     return out
-
-
-def rebuilt(found: Split, positioner: Positioner | None = None) -> np.ndarray:
-    """(N, 4, 4): the part's poses from robot and positioner; points and z axes are those of `found.part`."""
-    return (positioner or Positioner()).to_part(found.robot, found.b, found.c)
-
-
-def between(found: Split, n: int, share: float, positioner: Positioner | None = None) -> np.ndarray:
-    """(3,): the point of the part under the wire a share of the way from point n - 1 to n, when robot (position) and
-    positioner move evenly, as they do in coordinated motion."""
-    mix = (1 - share, share)
-    tip = mix[0] * found.robot[n - 1, :3, 3] + mix[1] * found.robot[n, :3, 3]
-    b = mix[0] * found.b[n - 1] + mix[1] * found.b[n]
-    c = mix[0] * found.c[n - 1] + mix[1] * found.c[n]
-    pose = np.eye(4)
-    pose[:3, 3] = tip
-    return (positioner or Positioner()).to_part(pose, b, c)[:3, 3]

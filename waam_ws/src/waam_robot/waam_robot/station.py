@@ -13,25 +13,20 @@ from typing import Protocol
 
 import numpy as np
 
-from .arm import AXES, DEG, M20IB25, Arm, Link, in_limits, limit_text, step
-from .bead import make_bead
+from .arm import AXES, DEG, Arm, Link, in_limits, limit_text, step
+from .arm_choice import JUMP_MAX, OVER, STRETCH_MAX, WRIST_MIN, NoWay, Way, spun, ways
 from .frames import inverse
-from .height_slopes import of_table
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
-from .joint_nodes import ELBOW, JUMP, WRIST
-from .joint_path import BeadPath, Machine, PlanError, plan
-from .plate_clearance import PlateClearance
-from .positioner import Positioner
-from .split import SplitLimits
+from .plate_clearance import WANTED, PlateClearance
+from .positioner import Machine
 from .tilt import MOST, carriage
-from .turning import OVER, Turning, Way, best_way, spun
-from .uncertain import Stated
+from .turning import Turning
 
 JOINTS = AXES + 2
 GRID = 25e-3  # m between the places of the box that are looked at
 AROUND = 5e-3  # m between the points of the path around the box
+STRIDE = 5  # of them, those whose distance from a tilted faceplate is looked at
 TINY = 1e-5  # m: a move of the torch
-NEVER = 1e9  # m: nearer to the turn axis than this the positioner does not follow
 KEPT = 8  # turns of the positioner whose matrices are kept
 
 
@@ -59,19 +54,13 @@ class Reach(Protocol):
     def gains(self) -> np.ndarray:
         """(n,) rad/m: how far each joint moves at most for a move of the torch, anywhere in the box."""
 
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
-        deviation of every error."""
-
 
 @dataclass(frozen=True)
-class Place:
-    """arm and positioner; origin: (3,) m, machine zero on the faceplate (its frame, B = 0, C such that the axes are
+class Place(Machine):
+    """origin: (3,) m, machine zero on the faceplate (its frame, B = 0, C such that the axes are
     those of the robot's base); low, high: (3,) m, the box in machine coordinates. tilt: rad, B of the positioner; the
     box stays level, with its middle where the tilt carries it. turning: of a level part."""
 
-    arm: Arm = M20IB25
-    positioner: Positioner = field(default_factory=lambda: Positioner(a_b=1.2, d_b=0.35, d_c=0.15))
     origin: tuple[float, float, float] = (-0.2, -0.15, 0.0)
     low: tuple[float, float, float] = (0.0, 0.0, 0.0)
     high: tuple[float, float, float] = (0.4, 0.3, 0.2)
@@ -123,9 +112,12 @@ def upright_poses(place: Place, tips: np.ndarray) -> np.ndarray:
     return np.asarray(place.positioner.to_robot(held, 0.0, place.turns(tips)))
 
 
-def ways_of(place: Place, path: np.ndarray, jump: float = JUMP) -> Way | None:
-    """The best branch and spin along torch positions (N, 3), m, of a level part; None where none serves all of them."""
-    return best_way(place.arm, upright_poses(place, path), OVER, jump)
+def best_way(place: Place, path: np.ndarray, jump: float = JUMP_MAX) -> Way | None:
+    """The cheapest branch and spin along torch positions (N, 3), m, of a level part; None where none serves all."""
+    try:
+        return next(ways(place.arm, upright_poses(place, path), jump))
+    except NoWay:
+        return None
 
 
 class Station:
@@ -148,55 +140,49 @@ class Station:
         self._base = self._level.to_robot(np.eye(4), 0.0, self.hold[1])
         # level axes on the tilted faceplate, before the origin is taken off
         self.held = inverse(p.positioner.to_robot(np.eye(4), *self.hold)) @ self._base
-        self.branch, self.spin, self._middle = self._way()
+        way = self._way()
+        self.branch, self.spin, self._middle = way.branch, way.spin, way.middle
         self._tool = spun(self.spin) @ OVER
         self._flange_to_torch = p.arm.tool @ inverse(self._tool)
         self._kept: dict[tuple[float, float], np.ndarray] = {}
         self._check_inside()
 
-    def _way(self) -> tuple[int, float, np.ndarray]:
-        """(branch, spin, (6,) rad, angles near which the arm works)."""
-        p = self.place
-        if p.turning.still:
-            path = self._around()
-            return path.branch, path.spin, path.joints.mean(axis=0)[:AXES]
-        way = ways_of(p, box_path(np.array(p.low, float), np.array(p.high, float), AROUND))
-        if way is None:
-            raise StationError(
-                f'the robot does not reach all of its box with the part turned by {p.turning.text}'
-            )
-        return way.branch, way.spin, way.middle
-
-    def _around(self) -> BeadPath:
-        """The joint path around the lower and the upper face of the box."""
-        low, high = (np.array(v) + self._origin for v in (self.place.low, self.place.high))
-        start = [max(high[0], 1e-3), 0.0]
-        corners = [(high[0], high[1]), (low[0], high[1]), (low[0], low[1]), (high[0], low[1])]
-        flat = np.array([start, *corners, start])
-        points = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
-        bead = make_bead(np.concatenate(points), step=AROUND, corner=0.0)
-        machine = Machine(self.place.arm, self._level, turns=1, split=SplitLimits(r_crit=NEVER))
-        p = self.place
-        clear = PlateClearance(p.arm, p.positioner, p.tilt) if p.tilt else None
+    def _way(self) -> Way:
+        """The cheapest one around the box that, at a tilt, keeps away from the faceplate."""
+        p, path = self.place, self._around()
         try:
-            try:
-                return plan([bead], machine, clear)[0]
-            except PlanError as e:
-                if clear is None:
-                    raise
-                clear.settle(e)
-                return plan([bead], machine, clear)[0]
-        except PlanError as e:
+            found = ways(p.arm, self._upright(path))
+            if not p.tilt:
+                return next(found)
+            clear = PlateClearance(p.arm, p.positioner, p.tilt)
+            hold = np.broadcast_to(self.hold, (len(path), 2))
+            best, most = None, -np.inf
+            for way in found:
+                free = clear.of(np.column_stack([way.joints, hold])[::STRIDE])
+                if free > most:
+                    best, most = way, free
+                if free >= WANTED:
+                    break
+            assert best is not None  # `ways` raises where there is none
+            return best
+        except NoWay as e:
+            x, y, z = path[e.at] * 1e3 + 0.0
+            turned = '' if p.turning.still else f' with the part turned by {p.turning.text}'
             raise StationError(
-                f'the robot does not reach {self._place(e.point)}: {e.reason}'
+                f'the robot does not reach all of its box{turned}, ({x:.0f}, {y:.0f}, {z:.0f}) mm of the machine '
+                f'not: {e}'
             ) from None
 
-    def _place(self, point: np.ndarray | None) -> str:
-        """A point of the faceplate (3,), m, as a place of the box."""
-        if point is None:
-            return 'all of its box'
-        where = ', '.join(f'{v * 1e3:.0f}' for v in point - self._origin + 0.0)
-        return f'all of its box, ({where}) mm of the machine not'
+    def _around(self) -> np.ndarray:
+        """(N, 3) m: along the lower and the upper face of the box; of a part at rest from where it is turned to."""
+        low, high = np.array(self.place.low, float), np.array(self.place.high, float)
+        if not self.place.turning.still:
+            return box_path(low, high, AROUND)
+        x, y = self._origin[:2]
+        start = [max(high[0], 1e-3 - x), -y]
+        flat = np.array([start, high[:2], [low[0], high[1]], low[:2], [high[0], low[1]], start])
+        faces = [np.column_stack([flat, np.full(len(flat), z)]) for z in (low[2], high[2])]
+        return evenly(np.concatenate(faces), AROUND)
 
     def _grid(self) -> np.ndarray:
         """(N, 3) m: places all over the box, GRID apart at most."""
@@ -210,8 +196,8 @@ class Station:
         grid = self._grid()
         found = solve(self.place.arm, self.poses(grid))
         theta = nearest_turns(self.place.arm, found.theta[:, self.branch], self._middle)
-        near = np.abs(np.sin(theta[:, 4])) < np.sin(WRIST)
-        near |= np.abs(found.stretch[:, self.branch // 4]) > ELBOW
+        near = np.abs(np.sin(theta[:, 4])) < np.sin(WRIST_MIN)
+        near |= np.abs(found.stretch[:, self.branch // 4]) > STRETCH_MAX
         bad = ~found.reachable[:, self.branch] | near | ~in_limits(self.place.arm, theta)
         if bad.any():
             n = int(np.argmax(bad))
@@ -226,13 +212,17 @@ class Station:
         said = limit_text(self.place.arm, theta[n])
         return said or f'too near to a singularity (theta5 = {theta[n, 4] / DEG:.1f} deg)'
 
-    def poses(self, tips: np.ndarray) -> np.ndarray:
-        """(N, 4, 4) of the tool in the robot's base frame for torch positions (N, 3), m, machine coordinates."""
+    def _upright(self, tips: np.ndarray) -> np.ndarray:
+        """(N, 4, 4) in the robot's base: the axes of the machine at torch positions (N, 3), m."""
         if not self.place.turning.still:
-            return np.asarray(upright_poses(self.place, tips) @ self._tool)
+            return upright_poses(self.place, tips)
         held = np.broadcast_to(np.eye(4), (len(tips), 4, 4)).copy()
         held[:, :3, 3] = np.asarray(tips, float) + self._origin
-        return self._base @ held @ self._tool
+        return np.asarray(self._base @ held)
+
+    def poses(self, tips: np.ndarray) -> np.ndarray:
+        """(N, 4, 4) of the tool in the robot's base frame for torch positions (N, 3), m, machine coordinates."""
+        return np.asarray(self._upright(tips) @ self._tool)
 
     def joints(self, tips: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
         """(N, 8) rad, the six DH angles, B and C, for torch positions (N, 3), m, machine coordinates.
@@ -257,10 +247,6 @@ class Station:
         grid = self._grid()
         moved = [self.joints(grid + d) - self.joints(grid - d) for d in apart]
         return np.asarray(np.linalg.norm(moved, axis=0).max(axis=0)) / TINY
-
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """As `Reach.slopes`, for joints (N, 8)."""
-        return of_table(self, self.place.arm, np.asarray(joints, float), scanner, stated)
 
     def frames(self, joints: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """(N, 4, 4): the torch in machine coordinates (its x, y, z axes those of the machine where the arm is exact)
@@ -292,10 +278,6 @@ class Station:
     def tips(self, joints: np.ndarray) -> np.ndarray:
         """(N, 3) m: the torch in machine coordinates for joints (N, 8)."""
         return self.frames(joints)[:, :3, 3]
-
-    def to_machine(self, joints: np.ndarray) -> np.ndarray:
-        """(4, 4) or (N, 4, 4): from the robot's base to machine coordinates, for joints (N, 8)."""
-        return self._to_machine(np.asarray(joints, float)[:, AXES:])
 
     def carried(self, points: np.ndarray) -> np.ndarray:
         """(N, 3) m: where the tilt takes points (N, 3) that stand on the level faceplate, machine coordinates."""

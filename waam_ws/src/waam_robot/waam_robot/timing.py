@@ -9,17 +9,14 @@ out is checked: starts and stops become gentler until the limits of jerk hold. A
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from .arm import AXES, forward
-from .frames import rotation
-from .joint_path import BeadPath, Machine
+from .bead import Bead
 
-TOLD = 0.01  # share of the programmed speed from which a difference is told
 SHARE = 0.9  # of speed and acceleration that TOPPRA gets; averaging needs the rest
 BEND = 0.6  # of jerk that the bends of the path may take at steady speed
 GENTLER = 8  # attempts
@@ -64,23 +61,9 @@ class Drives:
 
 
 @dataclass(frozen=True)
-class Slow:
-    """A stretch of a bead where the torch is slower than programmed: begin, end (m along the bead); speed: the least,
-    m/s; axis: what holds it up: a drive, 'start', 'end' or 'bends of the path'; place: (3,) m of the part."""
-
-    begin: float
-    end: float
-    speed: float
-    axis: str
-    place: np.ndarray
-
-
-@dataclass(frozen=True)
 class Timed:
-    """time (T,) s; way (T,) m and speed (T,) m/s of the torch along the bead; joints, rates (T, 8) rad, rad/s;
-    used: (3, 8) largest speed, acceleration and jerk over their limits; slow: where it is slower
-    than programmed.
-    """
+    """time (T,) s; way (T,) m and speed (T,) m/s of the torch along the bead; joints, rates (T, n) rad, rad/s; used:
+    (3, n) largest speed, acceleration and jerk over their limits."""
 
     time: np.ndarray
     way: np.ndarray
@@ -88,28 +71,27 @@ class Timed:
     joints: np.ndarray
     rates: np.ndarray
     used: np.ndarray
-    slow: tuple[Slow, ...]
 
 
 def time_bead(
-    path: BeadPath, speed: float, drives: Drives | None = None, dt: float = 1e-3
+    bead: Bead, joints: np.ndarray, speed: float, drives: Drives | None = None, dt: float = 1e-3
 ) -> Timed:
-    """The bead at the programmed travel speed (m/s), sampled every dt (s); longer where that gives over 10^6 samples.
+    """The bead, with joints (N, n) rad at its points, at the programmed speed (m/s), sampled every dt (s); longer
+    where that gives over 10^6 samples.
 
     TimingError without toppra, for a speed that is none, and where TOPPRA finds no motion.
     """
     drives = drives or Drives()
     if not (np.isfinite(speed) and speed > 0):
         raise TimingError(f'travel speed {speed} m/s: wanted a positive number')
-    curve = _curve(path, speed)
-    torch, worst, slowed = drives.torch, np.inf, ''
+    curve = CubicSpline(bead.way / speed, joints)  # over u, the time at programmed speed
+    torch, worst = drives.torch, np.inf
     for attempt in range(GENTLER):
-        pace = _fastest(curve, path, speed, replace(drives, torch=torch))
+        pace = _fastest(curve, joints, speed, replace(drives, torch=torch))
         motion = _averaged(pace, drives.blend, dt)
         if attempt == GENTLER - 1:  # what is left is no matter of starts and stops
-            motion = motion.slower(1.02 * worst)
-            slowed = 'jerk, the whole bead is slowed down'
-        timed, worst = _sampled(curve, path, speed, drives, motion, slowed)
+            motion = _Motion(motion.t * 1.02 * worst, motion.u)
+        timed, worst = _sampled(curve, speed, drives, motion)
         if worst <= 1.0:
             return timed
         torch *= 0.6
@@ -131,18 +113,10 @@ def _toppra() -> Any:
     return toppra
 
 
-def _curve(path: BeadPath, speed: float) -> Any:
-    """Cubic spline (scipy) of the eight axes over u, the time at programmed speed."""
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(path.bead.way / speed, path.joints)
-
-
-def _fastest(curve: Any, path: BeadPath, speed: float, drives: Drives) -> _Pace:
+def _fastest(curve: CubicSpline, joints: np.ndarray, speed: float, drives: Drives) -> _Pace:
     """du/dt over u, by TOPPRA."""
-    ta = _toppra()
-    u = path.bead.way / speed
-    spline = ta.SplineInterpolator(u, np.column_stack([path.joints, u]))
+    ta, u = _toppra(), curve.x
+    spline = ta.SplineInterpolator(u, np.column_stack([joints, u]))
     cap, steady = _bend_cap(curve, u, drives), SHARE * drives.speed
 
     def speeds(at: float) -> np.ndarray:
@@ -157,11 +131,11 @@ def _fastest(curve: Any, path: BeadPath, speed: float, drives: Drives) -> _Pace:
     solver = ta.algorithm.TOPPRA(constraints, spline, gridpoints=_grid(u), solver_wrapper='seidel')
     _, pace, *_ = solver.compute_parameterization(0.0, 0.0)
     if pace is None or not np.isfinite(pace).all():
-        raise TimingError(f'TOPPRA finds no motion along a bead of {path.bead.length * 1e3:.1f} mm')
+        raise TimingError(f'TOPPRA finds no motion along a bead of {u[-1] * speed * 1e3:.1f} mm')
     return _Pace(np.asarray(solver.problem_data.gridpoints), np.asarray(pace).ravel())
 
 
-def _bend_cap(curve: Any, u: np.ndarray, drives: Drives) -> np.ndarray:
+def _bend_cap(curve: CubicSpline, u: np.ndarray, drives: Drives) -> np.ndarray:
     """(N,): share of the programmed speed that the jerk at steady speed allows at u, with its neighbours' least."""
     jerk = np.abs(curve(u, 3))
     jerk = np.maximum(jerk, np.abs(curve(np.append(u[1:], u[-1]) - 1e-9, 3)))
@@ -197,9 +171,6 @@ class _Motion:
     t: np.ndarray
     u: np.ndarray
 
-    def slower(self, factor: float) -> _Motion:
-        return _Motion(self.t * factor, self.u)
-
 
 def _averaged(pace: _Pace, blend: float, dt: float) -> _Motion:
     """u(t) of the pace, averaged twice over half of `blend` each: the acceleration along the way becomes continuous."""
@@ -223,7 +194,7 @@ def _averaged(pace: _Pace, blend: float, dt: float) -> _Motion:
 
 
 def _sampled(
-    curve: Any, path: BeadPath, speed: float, drives: Drives, motion: _Motion, slowed: str
+    curve: CubicSpline, speed: float, drives: Drives, motion: _Motion
 ) -> tuple[Timed, float]:
     """The motion with its derivatives, and the largest share of a limit that it uses."""
     h = float(motion.t[1] - motion.t[0])
@@ -240,60 +211,4 @@ def _sampled(
         ]
     )
     worst = max(float(used[n].max()) ** (1 / (n + 1)) for n in range(3))
-    way = motion.u * speed
-    slow = _slow(
-        path, motion, pace * speed, speed, lambda u: slowed or _what_holds(u, drives, curve)
-    )
-    return Timed(motion.t, way, pace * speed, joints, rates, used, slow), worst
-
-
-def _slow(
-    path: BeadPath,
-    motion: _Motion,
-    rate: np.ndarray,
-    speed: float,
-    holds: Callable[[np.ndarray], str],
-) -> tuple[Slow, ...]:
-    """Stretches with less than the programmed speed; rate: (T,) m/s."""
-    late = rate < (1 - TOLD) * speed
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], late, [0]])))
-    found = []
-    for a, b in edges.reshape(-1, 2):
-        least = a + int(np.argmin(rate[a:b]))
-        usual = 'start' if a == 0 else 'end' if b == len(late) else 'bends of the path'
-        begin, end, there = (float(motion.u[n] * speed) for n in (a, b - 1, least))
-        at = [np.interp(there, path.bead.way, path.bead.points[:, n]) for n in range(3)]
-        found.append(
-            Slow(begin, end, float(rate[least]), holds(motion.u[a:b]) or usual, np.array(at))
-        )
-    return tuple(found)
-
-
-def _what_holds(u: np.ndarray, drives: Drives, curve: Any) -> str:
-    """The axis whose speed limit the programmed speed would exceed most; empty where none is exceeded."""
-    wanted = np.abs(curve(u, 1)).max(axis=0) / (SHARE * drives.speed)
-    n = int(np.argmax(wanted))
-    return f'speed of {drives.names[n]}' if wanted[n] > 1 else ''
-
-
-def torch_speed(timed: Timed, machine: Machine) -> np.ndarray:
-    """(T,) m/s: speed of the wire tip against the part, by forward kinematics of arm and positioner: a second way."""
-    tip = part_pose(timed.joints, machine)[:, :3, 3]
-    step = np.linalg.norm(np.diff(tip, axis=0), axis=1)
-    rate = step / np.diff(timed.time)
-    return np.concatenate([rate[:1], (rate[1:] + rate[:-1]) / 2, rate[-1:]])
-
-
-def part_pose(joints: np.ndarray, machine: Machine) -> np.ndarray:
-    """(..., 4, 4): the torch on the part for (..., 8) axes; z out of the part."""
-    tip = forward(machine.arm, joints[..., :AXES]) @ rotation(0, np.pi)
-    return machine.positioner.to_part(tip, joints[..., AXES], joints[..., AXES + 1])
-
-
-def slow_text(slow: Slow, bead: int) -> str:
-    """One line for people."""
-    x, y, z = slow.place * 1e3
-    return (
-        f'bead {bead}, {slow.begin * 1e3:.1f} to {slow.end * 1e3:.1f} mm: {slow.speed * 1e3:.2f} mm/s at the least, '
-        f'at ({x:.1f}, {y:.1f}, {z:.1f}) mm: {slow.axis}'
-    )
+    return Timed(motion.t, motion.u * speed, pace * speed, joints, rates, used), worst

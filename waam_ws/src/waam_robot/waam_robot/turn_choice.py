@@ -8,8 +8,9 @@ from itertools import product
 
 import numpy as np
 
-from .station import Place, Station, StationError, box_path, ways_of
-from .turning import Turning, Way
+from .arm_choice import Way
+from .station import Place, Station, StationError, best_way, box_path
+from .turning import Turning
 
 STARTS = np.radians(np.arange(-150.0, 181.0, 30.0))
 OVER = np.radians(
@@ -47,7 +48,7 @@ def choose(place: Place, low: np.ndarray, high: np.ndarray) -> Choice:
     size = np.maximum(np.asarray(high, float) - low, STEP)
     around = 4 * float(size[:2].sum())
     path = box_path(np.asarray(low, float), np.asarray(high, float), max(STEP, around / PLACES))
-    still = ways_of(replace(place, turning=Turning()), path, np.inf)
+    still = best_way(replace(place, turning=Turning()), path, np.inf)
     if still and not _serves(replace(place, turning=Turning())):
         still = None
     found = _sorted(place, path, _candidates(size))
@@ -68,7 +69,7 @@ def _sorted(
 ) -> list[tuple[float, Turning, Way]]:
     found = []
     for turning in turnings:
-        way = ways_of(replace(place, turning=turning), path, np.inf)
+        way = best_way(replace(place, turning=turning), path, np.inf)
         if way is not None:
             found.append((way.cost, turning, way))
     return sorted(found, key=lambda f: f[0])

@@ -14,16 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .arm import AXES
-from .frames import inverse
 from .station import StationError
-from .uncertain import WAVES, Stated
-from .urdf_arm import NEAR, UrdfChain
+from .urdf_arm import UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
 
 CLOSE = 1e-9  # m and rad
 NEXT = 3e-6  # m and rad: from there one Newton step leads closer than CLOSE (its error grows with the square)
 SMOOTH = 0.05  # rad between places whose difference leads on to the next place
-STEPS = 40
+STEPS, STEP_MAX = 40, 0.5  # Newton steps, and rad of a joint in one
 TINY = 1e-5  # rad and m, for slopes
 GRID = 50e-3  # m between the places of the box that are tried
 LEAST = 0.02  # smallest singular value of the Jacobian, m/rad: nearer to a singularity is not used
@@ -84,30 +82,6 @@ class UrdfStation:
         """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
         inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
         return self._chain.forward(inner)[:, :3, 3] - self._origin
-
-    def slopes(self, joints: np.ndarray, scanner: np.ndarray, stated: Stated) -> np.ndarray:
-        """(N, k) m: how much higher what the torch carries at `scanner` ((3,) m) is at joints (N, n), by one standard
-        deviation of every error: offsets and waves of the joints, lengths of the chain."""
-        inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
-        poses = self._chain.forward(inner)
-        seen = inverse(poses[0]) @ np.append(poses[0, :3, 3] + scanner, 1.0)
-
-        def heights(moved: np.ndarray) -> np.ndarray:
-            return np.asarray(moved[:, 2] @ seen)
-
-        per_rad, out = [], []
-        for n in range(inner.shape[1]):
-            apart = np.eye(inner.shape[1])[n] * TINY / 2
-            up, down = (heights(self._chain.forward(inner + sign * apart)) for sign in (1, -1))
-            per_rad.append((up - down) / TINY)
-        for n, slope in enumerate(per_rad):
-            out.append(slope * stated.offset)
-            waves = (f(k * inner[:, n]) for k in WAVES for f in (np.sin, np.cos))
-            out += [slope * wave * stated.wave / np.sqrt(2) for wave in waves]
-        level = heights(poses)
-        moved = self._chain.lengthened(inner, TINY)
-        out += [(heights(one) - level) / TINY * stated.length for one in moved]
-        return np.column_stack(out)
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -203,7 +177,11 @@ class UrdfStation:
         said = self._chain.beyond(q)
         if said:
             return said
-        size = float(np.linalg.svd(self._chain.jacobian(q)[:, self._moving], compute_uv=False)[-1])
+        size = float(
+            np.linalg.svd(self._chain.pose_and_jacobian(q)[1][:, self._moving], compute_uv=False)[
+                -1
+            ]
+        )
         return (
             f'it is too near to a singularity ({size:.4f}, at least {LEAST})'
             if size < LEAST
@@ -229,7 +207,7 @@ class UrdfStation:
                 return q
             j = jacobian[:, self._moving]
             step = j.T @ np.linalg.solve(j @ j.T + 1e-10 * np.eye(6), off)
-            q[self._moving] += step * min(1.0, NEAR / max(float(np.abs(step).max()), 1e-12))
+            q[self._moving] += step * min(1.0, STEP_MAX / max(float(np.abs(step).max()), 1e-12))
             if missing < NEXT:
                 return q
         return None

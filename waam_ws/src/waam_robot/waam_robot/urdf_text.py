@@ -10,8 +10,7 @@ from .arm import AXES, Link
 from .bodies import CRADLE, TOOL, bodies_of
 from .bodies import PART as PART_FRAME
 from .frames import rotation, translation, wpr
-from .joint_path import Machine
-from .positioner import Positioner
+from .positioner import Machine, Positioner
 
 LARGEST = 5_000_000  # bytes
 MOST_JOINTS = 60

@@ -85,7 +85,7 @@ def test_a_urdf_that_cannot_be_used_is_named(tmp_path, text, said):
 
 
 def test_the_arm_of_a_urdf_is_taken(tmp_path):
-    from waam_robot.joint_path import Machine
+    from waam_robot.positioner import Machine
     from waam_robot.timing import Drives
     from waam_robot.urdf_text import write_urdf
     from waam_robot_bridge.station_file import station_of

@@ -24,7 +24,7 @@ def station():
 
 
 def limits(push: float, jerk: float) -> Limits:
-    return Limits(np.full(2, 9.0), np.full(2, push), np.full(2, jerk), AXES)
+    return Limits(np.full(2, 9.0), np.full(2, push), np.full(2, jerk), names=AXES)
 
 
 def test_gains_are_those_of_the_worst_place_in_the_box(station):

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_robot.bead import at_ways, make_bead, way_along
-from waam_robot.joint_path import BeadPath
 from waam_robot.station import Reach
-from waam_robot.timing import SHARE, Drives, TimingError, time_bead
+from waam_robot.timing import SHARE, TimingError, time_bead
 
 from .blend import LEAST, MOST, blended
-from .limits import TORCH, Limits, smoothing
+from .limits import Limits, smoothing
 from .params import RobotParams
 
 TOLD = 0.01  # share of the programmed speed from which a difference is told
@@ -140,12 +139,11 @@ def _possible(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """((k, 3) m, machine coordinates, (k,) m/s): along the bead but its ends, what TOPPRA finds possible with these
     drives up to the programmed speed; None without toppra, or where it finds nothing."""
-    limits = params.limits_of_joints()
     path = make_bead(bead.corners, corner=params.corner)
-    laid = BeadPath(path, station.joints(path.points), 0, 0.0, 'hold', 0.0, 0.0, 0.0)
-    drives = Drives(limits.speed, limits.acceleration, limits.jerk, TORCH, names=limits.names)
     try:
-        timed = time_bead(laid, float(bead.speeds.max()), drives)
+        timed = time_bead(
+            path, station.joints(path.points), float(bead.speeds.max()), params.limits_of_joints()
+        )
     except TimingError:
         return None
     moving = (timed.way > NEAR / 2) & (timed.way < path.length - NEAR / 2)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_node.params import ParameterError
+from waam_robot.timing import Drives
 
 TORCH = 0.5  # m/s^2, A: the core's acceleration (waam_firmware, core/machine/waam_config.c)
 DEVIATION = 2e-5  # m, d: its junction deviation, which gives the speed v in a corner with an angle t between its legs:
@@ -31,13 +32,10 @@ KINDS = (
 
 
 @dataclass(frozen=True)
-class Limits:
-    """(n,) each: rad/s, rad/s^2, rad/s^3; names of the joints for people."""
+class Limits(Drives):
+    """Of a robot behind the controller core, which gives the acceleration of its torch."""
 
-    speed: np.ndarray
-    acceleration: np.ndarray
-    jerk: np.ndarray
-    names: tuple[str, ...]
+    torch: float = TORCH
 
     def shares(self, joints: np.ndarray, dt: float) -> np.ndarray:
         """(N, 3, n): shares of the limits that a motion (N, n), rad, every dt s, takes; N > 3. At its ends, where there

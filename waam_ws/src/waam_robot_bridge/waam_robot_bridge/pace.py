@@ -17,9 +17,8 @@ import numpy as np
 from waam_bridge.program import BAD_SEGMENT, Refusal
 from waam_process.segment import Kind, Point, Segment
 from waam_robot.bead import make_bead
-from waam_robot.joint_path import BeadPath
 from waam_robot.station import Reach, StationError
-from waam_robot.timing import SHARE, Drives, TimingError, time_bead
+from waam_robot.timing import SHARE, TimingError, time_bead
 
 from .blend import LEAST
 from .limits import TORCH
@@ -112,12 +111,8 @@ class Pacer:
         """(n,) shares by TOPPRA, 1 where the torch is only starting or stopping."""
         try:
             bead = make_bead(corners, step=POINT, corner=self._corner)
-            laid = BeadPath(bead, self._station.joints(bead.points), 0, 0.0, 'hold', 0.0, 0.0, 0.0)
-            limits, fastest = self._limits, float(speeds.max())
-            drives = Drives(
-                limits.speed, limits.acceleration, limits.jerk, TORCH, names=limits.names
-            )
-            timed = time_bead(laid, fastest, drives)
+            fastest = float(speeds.max())
+            timed = time_bead(bead, self._station.joints(bead.points), fastest, self._limits)
         except (TimingError, StationError, ValueError):
             return np.ones(len(speeds))
         ramp = fastest**2 / TORCH  # twice what it takes

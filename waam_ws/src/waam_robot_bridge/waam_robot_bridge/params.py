@@ -15,7 +15,6 @@ from waam_robot.positioner import Positioner
 from waam_robot.station import JOINTS, Place
 from waam_robot.timing import AXIS_NAMES
 from waam_robot.turning import Turning
-from waam_robot.uncertain import Stated
 from waam_robot.urdf_station import UrdfPlace
 
 from .limits import Limits
@@ -73,15 +72,6 @@ class RobotParams(BridgeParams):
         'greatest jerk of each: the lower, the longer the path of the torch is averaged',
         'rad/s^3',
     )
-    joint_offset: float = param(
-        3.5e-4,
-        'stated error of every axis (0.02 deg), for what `waam plan` tells',
-        'rad',
-        0.0,
-        0.05,
-    )
-    gear_wave: float = param(9e-5, 'the same of the gear of every axis', 'rad', 0.0, 0.05)
-    link_length: float = param(1e-4, 'the same of every length of the arm', 'm', 0.0, 0.01)
     horizon: float = param(0.3, 'of a goal, then it slows down', 's', 0.1, 2.0)
     period: float = param(0.1, 'between goals while the torch moves', 's', 0.02, 1.0)
     point_step: float = param(0.01, 'between the points of a goal', 's', 0.002, 0.1)
@@ -170,15 +160,11 @@ class RobotParams(BridgeParams):
         given = tuple(float(v) for v in self.posture)
         return given if all(map(math.isfinite, given)) else ()
 
-    def stated(self) -> Stated:
-        """How exact the robot is said to be."""
-        return Stated(self.joint_offset, self.gear_wave, self.link_length)
-
     def limits_of_joints(self) -> Limits:
         """Of all joints, in the order of their names."""
         speed, push, jerk = (np.array(getattr(self, name), float) for name in LIMITS)
         names = tuple(map(str, self.joint_names)) if self.urdf else AXIS_NAMES
-        return Limits(speed, push, jerk, names)
+        return Limits(speed, push, jerk, names=names)
 
     def urdf_place(self) -> UrdfPlace:
         """For a UrdfStation."""

@@ -163,7 +163,7 @@ def test_compare_registers_writes_and_the_planner_plans_it(files, capsys):
     depth = load_map(out / 'missing.npz')
     assert abs(depth.sample(0.135, -0.002) - POCKET[4]) < 0.05e-3
 
-    from waam_plan.lay.restore import plan_restoration
+    from waam_plan.layers.restore import plan_restoration
     from waam_plan.mesh.part import load_part
     from waam_plan.mesh.surface import top_surface
     from waam_plan.settings import PlanSettings

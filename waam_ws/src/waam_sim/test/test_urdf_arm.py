@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waam_node.params import ParameterError
-from waam_robot.joint_path import Machine
+from waam_robot.positioner import Machine
 from waam_robot.station import Station
 from waam_robot.timing import Drives
 from waam_robot.urdf_text import UrdfError, write_urdf

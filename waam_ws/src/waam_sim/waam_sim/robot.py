@@ -165,12 +165,6 @@ class SimRobot:
         joints = np.concatenate([theta, self.station.hold])
         return forward(self._made, theta + self._errors.of(joints)[:AXES], tool=False)
 
-    def height_error(self, joints: np.ndarray) -> float:
-        """m: how much too high the scanner truly is at joints (n,), the gears where the motors are: so much too low is
-        what it measures there."""
-        tip, lever = self._true(np.asarray(joints, float))
-        return float((tip + lever - self.station.tips(joints[None])[0])[2])
-
     def _arrive(self) -> None:
         while self._coming and self._coming[0][0] <= self.time_us:
             self._now = self._coming.pop(0)[1]

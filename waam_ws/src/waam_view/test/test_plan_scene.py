@@ -9,10 +9,10 @@ import pytest
 import trimesh
 from rerun.chunk import RrdReader
 
-from waam_plan.lay.build import plan_build
+from waam_plan.gcode.store import save_plan
+from waam_plan.layers.build import plan_build
 from waam_plan.mesh.part import load_part
 from waam_plan.plan import Plan
-from waam_plan.post.store import save_plan
 from waam_plan.settings import PlanSettings
 from waam_view import blueprint as bp
 from waam_view import cli, plan_scene

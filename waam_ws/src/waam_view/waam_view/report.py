@@ -20,13 +20,13 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.safe_files import is_file
 
 from . import figures
-from .bend_section import bend_section
 from .comparison import comparison_page, machines
 from .html import cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report, run_folder
 from .layer_tables import layers_section
 from .loop_summary import loop_summary
 from .passes import passes_section
+from .positioner_section import positioner_section
 from .process_figures import process_plots
 from .traceability import traceability_section
 
@@ -69,7 +69,7 @@ def job_page(job: Job, machines: str = '') -> str:
         loop_summary(job),
         _maps(job),
         machines,
-        bend_section(job),
+        positioner_section(job),
         layers_section(job),
         passes_section(job),
         _process(job),

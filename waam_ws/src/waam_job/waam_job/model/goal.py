@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from waam_plan.import_gcode import place
+from waam_plan.import_gcode.dialect import DialectError
+from waam_plan.import_gcode.files import load_program
+from waam_plan.import_gcode.layers import layers_of, moved
+from waam_plan.import_gcode.motion import Program
+from waam_plan.import_gcode.regime import regime_problems
+from waam_plan.import_gcode.words import ProgramError
 from waam_plan.mesh.part import Part, PartError, load_part
 from waam_plan.mesh.placed import TABLE_CELL, TABLE_MARGIN, Table, on_table
-from waam_plan.read import place
-from waam_plan.read.dialect import DialectError
-from waam_plan.read.files import load_program
-from waam_plan.read.layers import layers_of, moved
-from waam_plan.read.motion import Program
-from waam_plan.read.regime import regime_problems
-from waam_plan.read.words import ProgramError
 from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.materials import Material, MaterialError, get

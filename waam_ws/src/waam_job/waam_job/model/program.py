@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan.lay.forecast import growth
+from waam_plan.layers.forecast import growth
 from waam_plan.plan import Plan, PlannedLayer
 
 from .geometry import Deviation, deviation

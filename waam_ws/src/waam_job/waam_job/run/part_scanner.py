@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from waam_plan.lay.scanning import scan_segments
+from waam_plan.layers.scanning import scan_segments
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec

@@ -8,11 +8,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from waam_plan.agreement import check
-from waam_plan.lay.build import plan_build
-from waam_plan.lay.restore import plan_restoration
+from waam_plan.import_gcode.plan_of import plan_program
+from waam_plan.layers.build import plan_build
+from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.surface import top_surface
 from waam_plan.plan import Plan, PlannedLayer
-from waam_plan.read.plan_of import plan_program
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.loop_mode import LoopMode

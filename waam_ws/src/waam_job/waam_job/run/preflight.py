@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from waam_plan.import_gcode.place import path_box
 from waam_plan.mesh.part import PartError, check_fits
 from waam_plan.mesh.placed import check_whole
 from waam_plan.plan import Plan, PlanError, check_points
-from waam_plan.read.place import path_box
 from waam_plan.settings import PlanSettings
 from waam_process.loop_mode import LoopMode
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from waam_node import job_folder
+from waam_plan.gcode.store import load_plan
 from waam_plan.plan import PlanError, PlannedLayer
-from waam_plan.post.store import load_plan
 from waam_process.grid import HeightGrid
 from waam_process.loop_mode import LoopMode
 

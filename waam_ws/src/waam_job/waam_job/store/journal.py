@@ -11,9 +11,9 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_node.files import write_atomically
+from waam_plan.gcode.program import gcode
+from waam_plan.gcode.store import save_plan
 from waam_plan.plan import Plan, PlannedLayer
-from waam_plan.post.gcode import gcode
-from waam_plan.post.store import save_plan
 from waam_process.materials import Material
 from waam_process.names import FAULTS
 from waam_process.safe_files import FileError, Missing

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from waam_node import job_folder
-from waam_plan.read.files import DEFAULT, dialect_text
+from waam_plan.import_gcode.files import DEFAULT, dialect_text
 
 from ..model.goal import JobGoal
 from .folder import JobFolder

@@ -11,7 +11,7 @@ import numpy as np
 from waam_plan.plan import Plan, PlannedLayer
 from waam_process.segment import Kind, Segment
 from waam_robot.collision import CollisionError, Scene
-from waam_robot.joint_path import Machine
+from waam_robot.positioner import Machine
 from waam_robot.station import Reach, Station, evenly
 from waam_robot.urdf_bodies import UrdfCell
 from waam_robot.urdf_station import UrdfStation

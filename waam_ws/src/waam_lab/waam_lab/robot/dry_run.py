@@ -10,8 +10,8 @@ import numpy as np
 from waam_bridge import commands, program
 from waam_bridge.embedded import Controller
 from waam_bridge.frames import ALARM, HOLD, HOMED, IDLE
+from waam_plan.gcode.program import with_base_feed
 from waam_plan.plan import Plan, PlannedLayer, renumber
-from waam_plan.post.gcode import with_base_feed
 from waam_process.segment import Kind, Segment
 from waam_robot.station import Reach, Station
 from waam_robot_bridge.foresee import Bead

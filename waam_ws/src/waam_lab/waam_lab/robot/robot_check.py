@@ -9,8 +9,7 @@ import numpy as np
 
 from waam_node.params import ParameterError
 from waam_plan.plan import Plan
-from waam_robot.bend import Bend, bend
-from waam_robot.station import Reach, StationError
+from waam_robot.station import StationError
 from waam_robot_bridge.foresee import END, START, TOLD, Place, asked, places
 from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
@@ -20,15 +19,14 @@ from .contacts import contacts
 from .dry_run import DryRunError, layers, work_zero
 
 MOST_LINES = 20
-MAPPED = 400  # places of a map that are looked at
 
 
 @dataclass(frozen=True)
 class RobotCheck:
     """length: m with the arc on. ends: m at starts and ends together, and the longest of them; off: places between
     them; contacts: one line each; problem: why the plan cannot be run at all; unchecked: why contacts were not looked
-    for; left_out: links that they were not looked for with; bend: of the maps that the scanner will measure; used:
-    (3, n) largest shares of the limits of the joints `names`; timed_by: `waam_robot_bridge.pace.Pacer.by`."""
+    for; left_out: links that they were not looked for with; used: (3, n) largest shares of the limits of the joints
+    `names`; timed_by: `waam_robot_bridge.pace.Pacer.by`."""
 
     length: float
     ends: tuple[float, float] = (0.0, 0.0)
@@ -36,7 +34,6 @@ class RobotCheck:
     contacts: tuple[str, ...] = ()
     problem: str = ''
     unchecked: str = ''
-    bend: Bend | None = None
     used: np.ndarray | None = None
     names: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
@@ -63,8 +60,6 @@ class RobotCheck:
                 f'robot: {_drives(self.used, self.names)}; where one is too weak, segments are timed by {self.timed_by}'
             )
         out += _some([f'contact: {text}' for text in self.contacts], 'contacts')
-        if self.bend:
-            out.append(f'robot: {self.bend.text}')
         if self.unchecked:
             out.append(f'warning: contacts were not looked for: {self.unchecked}')
         elif not self.contacts:
@@ -103,9 +98,8 @@ def check(
     ends = [p.end - p.begin for p in found if p.cause in (START, END)]
     off = tuple(p for p in found if p.cause not in (START, END))
     longest = (sum(ends), max(ends, default=0.0))
-    bent = _bend(plan, station, params)
     return RobotCheck(
-        length, longest, off, touching.found, unchecked=touching.unchecked, bend=bent, used=used,
+        length, longest, off, touching.found, unchecked=touching.unchecked, used=used,
         names=names, left_out=touching.left_out, timed_by=Pacer(station, params).by,
     )  # fmt: skip
 
@@ -122,17 +116,3 @@ def _drives(used: np.ndarray, names: tuple[str, ...]) -> str:
         for what, row in zip(('speed', 'acceleration', 'jerk'), used, strict=True)
     ]
     return f'its joints use at most {shares[0]}, {shares[1]} and {shares[2]} that they may have'
-
-
-def _bend(plan: Plan, station: Reach, params: RobotParams) -> Bend | None:
-    """Of the map of all that is laid, the work zero being where the robot was taught."""
-    laid = np.any([layer.footprint for layer in plan.layers], axis=0)
-    rows, columns = np.nonzero(laid)
-    if not len(rows):
-        return None
-    some = np.linspace(0, len(rows) - 1, min(len(rows), MAPPED)).astype(int)
-    x, y = plan.spec.x[columns[some]], plan.spec.y[rows[some]]
-    zero = np.array(work_zero(plan, station))
-    tips = np.column_stack([x, y, np.full(len(x), plan.settings.clearance)]) + zero
-    beside = np.array([plan.settings.scanner_offset[0], plan.settings.scanner_offset[1], 0.0])
-    return bend(station, tips, zero, beside, params.stated())

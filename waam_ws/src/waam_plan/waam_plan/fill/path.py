@@ -14,6 +14,8 @@ from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
 
+MIN_SHARE = 0.25  # a bead goes on while at least this share of its band is in the region
+
 # sharper turns stay where they are, stations are spread between them
 CORNER = np.cos(np.radians(30))
 BREAK = 1.0  # m, put between lines that are measured along one another
@@ -69,9 +71,7 @@ def _hatched(
     cells = mask if direction == 'x' else mask.T
     pitch = settings.pitch / spec.resolution
     stagger = settings.stagger and number % 2 == 0
-    chains = hatch.hatch(
-        cells, pitch, settings.edge_inset * pitch, settings.min_share, stagger, second
-    )
+    chains = hatch.hatch(cells, pitch, settings.edge_inset * pitch, MIN_SHARE, stagger, second)
     origin = np.array([spec.origin_x, spec.origin_y])
 
     def to_work(line: np.ndarray) -> np.ndarray:

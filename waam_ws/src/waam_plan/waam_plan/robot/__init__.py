@@ -1,1 +1,1 @@
-"""Programs for robots: Fanuc TP, KUKA KRL, ABB RAPID; their readers; and the run on the simulated robot."""
+"""Programs for robots: Fanuc TP, KUKA KRL, ABB RAPID."""

@@ -4,7 +4,6 @@ Arc, wire and gas are the instructions of RobotWare Arc (ArcWare): ArcLStart mov
 arc, ArcL and ArcC lay it, ArcLEnd or ArcCEnd put it out. seamdata has the gas before and after, welddata the travel
 speed, wire and voltage of the move to its point (SI_UNITS: mm/s, V). Equal layers are one procedure, called with a
 program displacement. With a positioner the work object moves with its mechanical unit; eax_a tilts and eax_b turns.
-`read_rapid` of read_abb reads programs back.
 """
 
 from __future__ import annotations
@@ -12,10 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
+from waam_plan.gcode.compact import Move
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Move
 from waam_plan.robot.cell import RobotCell
 from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, Setpoints, programs, welds
@@ -165,18 +162,3 @@ def _main(name: str, calls: list[Call], cell: RobotCell) -> str:
     body = [f'  PERS wobjdata wobjWaam:=[FALSE,{unit},{frames}];', f'  PROC {name}()']
     body += [*(f'    {line}' for line in lines), '  ENDPROC']
     return '\n'.join([f'MODULE m{name}', *body, 'ENDMODULE', ''])
-
-
-def wpr_of(q: tuple[float, float, float, float]) -> Point:
-    """W, P, R of a quaternion of unit length, rad."""
-    from waam_robot.frames import wpr
-
-    w, x, y, z = q
-    frame = np.eye(4)
-    frame[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    a, b, c = wpr(frame).tolist()
-    return (a, b, c)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from typing import Any
 
 from waam_plan.robot.motion import RobotProgramError
+from waam_plan.settings import within
 from waam_process.segment import Point
 from waam_robot.positioner import Positioner
 from waam_robot.split import SplitLimits
@@ -18,59 +19,25 @@ TIME_BEFORE_MAX = 30.0  # s, of Fanuc's `TB`
 TIME_AFTER_MAX = 0.5  # s, of Fanuc's `TA`
 NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,15}')
 
-Range = tuple[float, float]
-_LIMITS: dict[str, Range] = {
-    'corner': (0.0, 5e-3),
-    'zone': (0.0, 20e-3),
-    'pre_flow': (0.0, TIME_BEFORE_MAX),
-    'post_flow': (0.0, TIME_BEFORE_MAX),
-    'lead': (-TIME_AFTER_MAX, TIME_BEFORE_MAX),
-    'smoothing': (0, 100),
-    'blend_time': (0.01, 2.0),
-    'user_frame': (1, 9),
-    'user_tool': (1, 10),
-    'arc_output': (1, 4096),
-    'gas_output': (1, 4096),
-    'feed_output': (1, 4096),
-    'voltage_output': (0, 4096),
-    'tool': (1, 128),
-    'base': (1, 128),
-    'machine': (2, 16),
-    'feed_channel': (1, 8),
-    'voltage_channel': (0, 8),
-    'split_delta0': (1e-6, 10e-3),
-    'split_delta1': (1e-4, 1.0),
-    'split_r_crit': (0.0, 1.0),
-    'positioner_tilt_x': (-20.0, 20.0),
-    'positioner_tilt_y': (-20.0, 20.0),
-    'positioner_tilt_z': (-20.0, 20.0),
-    'positioner_plate_z': (-5.0, 5.0),
-    'turning': (-3600.0, 3600.0),
-    'turn_zero_deg': (-360.0, 360.0),
-    'turn_low_deg': (-1e6, 0.0),
-    'turn_high_deg': (0.0, 1e6),
-    'origin': (-10.0, 10.0),
-    'orientation': (-360.0, 360.0),
-}
-
 
 def _check(settings: object, error: str) -> None:
     """RobotProgramError that names a field whose value is none."""
     for f in fields(settings):  # type: ignore[arg-type]
         value = getattr(settings, f.name)
-        told = _problem(f.name, value, f.default)
+        told = _problem(f, value)
         if told:
             raise RobotProgramError(f'{error}{f.name} is {value!r}, {told}')
 
 
-def _problem(name: str, value: object, default: object) -> str:
+def _problem(f: Field, value: object) -> str:
+    default = f.default
     if isinstance(default, bool):
         return '' if isinstance(value, bool) else 'must be true or false'
     if isinstance(default, str):
         return '' if isinstance(value, str) and NAME.fullmatch(value) else 'must be a name'
     if isinstance(default, tuple) and (not isinstance(value, tuple) or len(value) != 3):
         return 'must be three numbers'
-    low, high = _LIMITS.get(name, (-math.inf, math.inf))
+    low, high = f.metadata.get('range', (-math.inf, math.inf))
     for v in value if isinstance(value, tuple) else (value,):
         if isinstance(default, int) and not (isinstance(v, int) and not isinstance(v, bool)):
             return 'must be a whole number'
@@ -85,17 +52,18 @@ def _problem(name: str, value: object, default: object) -> str:
 class FanucSettings:
     """Numbers of frames and outputs; registers: parameters in R[], set in the main program."""
 
-    user_frame: int = 1
-    user_tool: int = 1
-    arc_output: int = 1
-    gas_output: int = 2
-    feed_output: int = 1  # AO, m/min
-    voltage_output: int = 2  # AO, V; 0 = none
-    lead: float = (
-        0.1  # s before the end of a bead at which its arc goes off (TB); below 0: after it (TA)
-    )
-    smoothing: int = 100  # highest CNT along a bead
-    blend_time: float = 0.1  # s over which the controller evens out a corner at CNT100
+    user_frame: int = within(1, 1, 9)
+    user_tool: int = within(1, 1, 10)
+    arc_output: int = within(1, 1, 4096)
+    gas_output: int = within(2, 1, 4096)
+    feed_output: int = within(1, 1, 4096)  # AO, m/min
+    voltage_output: int = within(2, 0, 4096)  # AO, V; 0 = none
+    # s before the end of a bead at which its arc goes off (TB); below 0: after it (TA)
+    lead: float = within(0.1, -TIME_AFTER_MAX, TIME_BEFORE_MAX)
+    smoothing: int = within(100, 0, 100)  # highest CNT along a bead
+    blend_time: float = within(
+        0.1, 0.01, 2.0
+    )  # s over which the controller evens out a corner at CNT100
     registers: bool = True
 
     def __post_init__(self) -> None:
@@ -106,11 +74,11 @@ class FanucSettings:
 class KukaSettings:
     """tool, base: numbers; machine: of the positioner in MACHINE_DEF; channels of the welding device in stArcDat_T."""
 
-    tool: int = 1
-    base: int = 1
-    machine: int = 2
-    feed_channel: int = 2  # m/min
-    voltage_channel: int = 1  # V; 0 = none
+    tool: int = within(1, 1, 128)
+    base: int = within(1, 1, 128)
+    machine: int = within(2, 2, 16)
+    feed_channel: int = within(2, 1, 8)  # m/min
+    voltage_channel: int = within(1, 0, 8)  # V; 0 = none
 
     def __post_init__(self) -> None:
         _check(self, 'kuka: ')
@@ -140,25 +108,26 @@ class RobotCell:
     """
 
     positioner: str = 'none'
-    turning: Point = (0.0, 0.0, 0.0)
-    origin: Point = (-0.2, -0.15, 0.0)
-    orientation: Point = (180.0, 0.0, 0.0)
-    corner: float = 6e-6
-    zone: float = 1e-3
-    pre_flow: float = 0.3  # s of gas before the arc is lit
-    post_flow: float = 1.0  # s of gas after the arc went off
-    positioner_tilt_x: float = (
-        1.2  # from the robot's frame to the tilt axis, m: table 2.1 of source 003
-    )
-    positioner_tilt_y: float = 0.0
-    positioner_tilt_z: float = 0.35
-    positioner_plate_z: float = 0.15  # from the tilt axis to the faceplate, m
-    turn_zero_deg: float = 90.0  # how far the faceplate is turned back at C = 0
-    turn_low_deg: float = -36000.0  # range of C
-    turn_high_deg: float = 36000.0
-    split_delta0: float = 0.2e-3  # limits of the split: S3 eqs 2.15 to 2.17
-    split_delta1: float = 0.02
-    split_r_crit: float = 10e-3
+    turning: Point = within((0.0, 0.0, 0.0), -3600.0, 3600.0)
+    origin: Point = within((-0.2, -0.15, 0.0), -10.0, 10.0)
+    orientation: Point = within((180.0, 0.0, 0.0), -360.0, 360.0)
+    corner: float = within(6e-6, 0.0, 5e-3)
+    zone: float = within(1e-3, 0.0, 20e-3)
+    pre_flow: float = within(0.3, 0.0, TIME_BEFORE_MAX)  # s of gas before the arc is lit
+    post_flow: float = within(1.0, 0.0, TIME_BEFORE_MAX)  # s of gas after the arc went off
+    # from the robot's frame to the tilt axis, m: table 2.1 of source 003
+    positioner_tilt_x: float = within(1.2, -20.0, 20.0)
+    positioner_tilt_y: float = within(0.0, -20.0, 20.0)
+    positioner_tilt_z: float = within(0.35, -20.0, 20.0)
+    positioner_plate_z: float = within(0.15, -5.0, 5.0)  # from the tilt axis to the faceplate, m
+    turn_zero_deg: float = within(
+        90.0, -360.0, 360.0
+    )  # how far the faceplate is turned back at C = 0
+    turn_low_deg: float = within(-36000.0, -1e6, 0.0)  # range of C
+    turn_high_deg: float = within(36000.0, 0.0, 1e6)
+    split_delta0: float = within(0.2e-3, 1e-6, 10e-3)  # limits of the split: S3 eqs 2.15 to 2.17
+    split_delta1: float = within(0.02, 1e-4, 1.0)
+    split_r_crit: float = within(10e-3, 0.0, 1.0)
     fanuc: FanucSettings = field(default_factory=FanucSettings)
     kuka: KukaSettings = field(default_factory=KukaSettings)
     abb: AbbSettings = field(default_factory=AbbSettings)

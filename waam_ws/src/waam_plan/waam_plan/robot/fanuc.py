@@ -6,7 +6,7 @@ and the main program ends with source, feed and gas off, gas last. Gas flows bef
 It is switched during the idle moves (`TB`); the robot waits only where these are too short. `TA` does not serve for
 the gas: it takes 0.5 s at most. It puts out the arc where `lead` is below 0. The robot accelerates by itself, so a
 straight idle leg is one line to a FINE point, at the highest speed that was planned on it. With a positioner it is
-motion group 2 (J1 tilts, J2 turns) and motions are coordinated (COORD). `read_ls` of read_fanuc reads programs back.
+motion group 2 (J1 tilts, J2 turns) and motions are coordinated (COORD).
 
 Registers, as in S3 figure 4.26: R[3] CNT of the beads, R[32], R[33] time before, after the end of a bead at which the
 arc goes off, R[50] pre-flow, R[71..73] factor of the wire feed in the first, inner and last bead of a layer, R[91..93]
@@ -20,9 +20,9 @@ import math
 import re
 from dataclasses import dataclass
 
+from waam_plan.gcode.compact import Move
+from waam_plan.gcode.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Move
-from waam_plan.post.gas import Flow, Switch, gas_left, gas_switches
 from waam_plan.robot.cell import TIME_BEFORE_MAX, RobotCell
 from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, programs

@@ -3,7 +3,7 @@
 Arc, wire and gas are the commands of KUKA.ArcTech: ARCON at the start of a bead, ARCSWI where its setpoints change,
 ARCOFF at its end, each with a record stArcDat_T (gas before and after, travel speed, channels of the welding device).
 A record counts from the end of its move on. Equal layers are one module, called with a lifted base. With a positioner
-E1 tilts and E2 turns, and the base moves with it (EK). `read_krl` of read_kuka reads programs back.
+E1 tilts and E2 turns, and the base moves with it (EK).
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from waam_plan.gcode.compact import Move
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Move
 from waam_plan.robot.cell import RobotCell
 from waam_plan.robot.motion import TOLERANCE
 from waam_plan.robot.parts import Call, Setpoints, programs, welds

@@ -1,4 +1,4 @@
-"""What a robot's program asks for, move by move, whatever its language. SI, radians, work frame."""
+"""The way of a robot's moves, whatever the language of its program. SI, radians, work frame."""
 
 from __future__ import annotations
 
@@ -7,35 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.post.compact import Move, circle
+from waam_plan.gcode.compact import Move, circle
 from waam_process.segment import Point
 
-DOWN = (math.pi, 0.0, 0.0)  # W, P, R of an upright torch
 TOLERANCE = 4e-6  # m, between the moves of a program and the path of the plan; a corner of 6 um beside it makes 10
 
 
 class RobotProgramError(ValueError):
-    """A program that cannot be written, read or run; the text names file, line and word, or the place."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A line to `end`, or with `via` the arc through it.
-
-    speed, feed: m/s; voltage: V; feed and voltage are 0 with the arc off. wpr: W, P, R of the tool at the end, rad, its
-    z points out of the torch; external: B, C of the positioner at the end, rad, empty without one. zone: m before the
-    end at which the next move may begin, 0 = the robot stops there.
-    """
-
-    end: Point
-    via: Point | None
-    speed: float
-    arc: bool
-    feed: float
-    voltage: float = 0.0
-    wpr: Point = DOWN
-    external: tuple[float, ...] = ()
-    zone: float = 0.0
+    """A program that cannot be written; the text names the field or the place."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +62,7 @@ class Course:
         return v, c * v - s * u
 
 
-def course(start: Point, move: Motion | Move) -> Course:
+def course(start: Point, move: Move) -> Course:
     """The way of a move. Three points on a line are a line."""
     a, b = np.array(start, float), np.array(move.end, float)
     if move.via is None:
@@ -97,11 +76,3 @@ def course(start: Point, move: Motion | Move) -> Course:
     v = np.cross(normal / np.linalg.norm(normal), u)
     sweep = math.atan2((b - centre) @ v, (b - centre) @ u) % (2 * math.pi)
     return Course(a, b, centre, (u, v), radius, sweep)
-
-
-def sample(start: Point, move: Motion | Move, step: float = 0.2e-3) -> list[Point]:
-    """Points along a move (m) without its start, for checks and pictures."""
-    way = course(start, move)
-    n = max(1 if move.via is None else 2, math.ceil(way.length / step))
-    points = way.at(way.length * np.arange(1, n + 1) / n)
-    return [tuple(p) for p in points.tolist()]

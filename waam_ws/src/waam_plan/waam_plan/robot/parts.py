@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from waam_plan.gcode.compact import Fragment, Move, fragments
+from waam_plan.gcode.program import with_base_feed
 from waam_plan.plan import Plan
-from waam_plan.post.compact import Fragment, Move, fragments
-from waam_plan.post.gcode import with_base_feed
 from waam_plan.robot.motion import RobotProgramError
 from waam_process.segment import Kind, Segment
 

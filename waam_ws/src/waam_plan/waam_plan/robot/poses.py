@@ -9,7 +9,7 @@ from itertools import groupby
 
 import numpy as np
 
-from waam_plan.post.compact import Move
+from waam_plan.gcode.compact import Move
 from waam_plan.robot.cell import RobotCell
 from waam_plan.robot.motion import Course, RobotProgramError, course
 from waam_process.segment import Kind, Point

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.settings import PlanSettings
+from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
+
+ADAPTIVE_MIN = 0.6  # thinnest adaptive layer over layer_height
 
 # faces whose normal is nearer to z bound a layer, they do not step
 FLAT = math.cos(math.radians(5.0))
@@ -41,8 +43,8 @@ def adaptive_levels(triangles: np.ndarray, settings: PlanSettings) -> list[Level
     """
     steep, flats = _slopes(triangles)
     height = float(triangles[..., 2].max())
-    low = settings.adaptive_min * settings.layer_height
-    high = settings.max_layer_ratio * settings.layer_height
+    low = ADAPTIVE_MIN * settings.layer_height
+    high = MAX_LAYER_RATIO * settings.layer_height
     ends = np.unique(np.append(np.round(flats[(flats > low) & (flats < height - low)], 6), height))
     out: list[Level] = []
     z = 0.0
