@@ -25,7 +25,7 @@ def planned(points: int) -> tuple[int, float, float, float]:
     high as the points need."""
     import trimesh
 
-    from waam_plan.lay.build import plan_build
+    from waam_plan.layers.build import plan_build
     from waam_plan.mesh.part import load_part
     from waam_plan.settings import PlanSettings
 

@@ -15,7 +15,7 @@ from code_names import ROOT
 import waam_adapt
 from waam_adapt.laws import registry
 from waam_plan import cli, cli_robot
-from waam_plan.post.store import load_plan
+from waam_plan.gcode.store import load_plan
 from waam_process import materials
 from waam_process.segment import Kind
 
