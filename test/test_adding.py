@@ -64,7 +64,7 @@ def test_a_material_is_an_entry_of_the_table(tmp_path):
 def test_a_post_processor_is_a_writer_and_a_name(monkeypatch, tmp_path):
     acme = module('waam_plan.robot.acme', code('A post-processor'), monkeypatch)
     monkeypatch.setattr(cli_robot, 'POSTS', (*cli_robot.POSTS, 'acme'))
-    monkeypatch.setattr(cli_robot, 'language', lambda post: (acme.write_acme, None))
+    monkeypatch.setattr(cli_robot, 'writer', lambda post: acme.write_acme)
     trimesh.creation.box((40, 30, 6)).export(tmp_path / 'block.stl')
     parser = argparse.ArgumentParser()
     cli.register(parser.add_subparsers(required=True))

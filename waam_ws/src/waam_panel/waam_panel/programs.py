@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from waam_plan.import_gcode.files import DEFAULT, SUFFIXES, shipped
+from waam_plan.import_gcode.files import DEFAULT, shipped
+from waam_plan.import_gcode.files import SUFFIXES as SUFFIXES
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 

@@ -1,8 +1,8 @@
-"""Bead bias: what the beads of a job do that the nominal model does not. Metal comes late along the travel, growth is
-missing at the same place again and again, and some of what one layer lacks the next one lacks, too.
+"""Bead bias: what the beads of a job do that the nominal model does not. Metal comes late along the travel, and growth
+is missing at the same place again and again.
 
-Growth is compared with what `BeadModel` expects. What was asked of the same cell says nothing true where neighbouring
-pieces are asked very different things, as at the ends of beads.
+`shortfall` compares growth with what was asked of the same cell; that says nothing true where neighbouring pieces are
+asked very different things, as at the ends of beads. Here growth is compared with what `BeadModel` expects.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from .. import filters
 from ..grids import CELLS_PER_BEAD
@@ -31,19 +30,16 @@ MIN_CELLS = 50
 # is asked for at the end of a bead and arrives elsewhere is missing there for good: asked for again and again, it heaps
 # up behind the end.
 MAX_MISSING, LEAST_MISSING = 1.0, 0.25
-# Of growth near ends on what is asked for there: prior with its sigma, and scatter of one layer.
-RESPONSE, RESPONSE_SIGMA, RESPONSE_SCATTER = 0.5, 0.3, 0.25
+RESPONSE, RESPONSE_SIGMA, RESPONSE_SCATTER = (
+    0.3,
+    0.15,
+    0.25,
+)  # of growth near ends; prior, and of one layer
 RESPONSE_FORGETTING = 0.9  # per layer
 # Response at which ends are filled no more than LEAST_FILL, and from which on as far as the solver may.
 FILL, LEAST_FILL = (0.25, 0.75), 0.2
 MOVED = 0.02  # RMS of what was expected otherwise than two layers before, from which on a layer tells the response
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
-# Of what the newest layer lacked beside what it was expected to lack, how much the next one lacks again: prior with its
-# sigma, and scatter of one layer.
-RECURRENCE, RECURRENCE_SIGMA, RECURRENCE_SCATTER = 0.3, 0.15, 0.2
-MAX_RECURRENCE, MAX_RECENT = 0.6, 0.3  # that are believed; of the latter in planned heights
-RECURRENCE_ALIKE = 4 * ALIKE  # neighbouring cells whose noise is one, after smoothing
-SMOOTH = 1.5  # cells: sigma of what recurs
 SEEN = 0.3  # share of a cell that must be known
 
 
@@ -67,11 +63,6 @@ class BeadBias:
     # (2, rows, cols) of even and odd layers: expected and grown of the newest, NaN = unknown
     newest: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
 
-    # (rows, cols) what the newest layer lacked beside what it was known to lack; None = no layer yet
-    recent: np.ndarray | None = None
-    recurrence: float = RECURRENCE
-    recurrence_information: float = RECURRENCE_SIGMA**-2
-
     @property
     def fill(self) -> float:
         """See `BeadDeviation.fill`."""
@@ -79,16 +70,8 @@ class BeadBias:
         return min(max((self.response - none) / (all_of_it - none), LEAST_FILL), 1.0)
 
     def of(self, layer: int, model: BeadModel) -> np.ndarray:
-        """What layer `layer` will lack: what all beads do at their ends, what was seen at the place in layers of its
-        direction, and a share of what the newest layer lacked beside that."""
-        return self._known(layer, model) + self.recurrence * self._recent(model.shape)
-
-    def _known(self, layer: int, model: BeadModel) -> np.ndarray:
+        """What layer `layer` will lack: what all beads do at their ends, and what was seen at the place."""
         return self.ends[_end(model)] + self._here(layer, model.shape)
-
-    def _recent(self, shape: tuple[int, int]) -> np.ndarray:
-        recent = self.recent
-        return recent if recent is not None and recent.shape == shape else np.zeros(shape)
 
     def _here(self, layer: int, shape: tuple[int, int]) -> np.ndarray:
         """Before the direction was ever seen, half of what the other one did."""
@@ -125,15 +108,12 @@ class BeadBias:
         most = min(max(after.response, LEAST_MISSING), 1.0) * MAX_MISSING
         lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -most, most)
         if allowed is not None:
-            excess = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
-            after = replace(after, surplus=self.surplus + DRIFT * (excess - self.surplus))
+            news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
+            after = replace(after, surplus=self.surplus + DRIFT * (news - self.surplus))
         inner = (model.arc > INNER * model.width) & (filters.depth(known) > INNER * CELLS_PER_BEAD)
         weight = learning * np.where(inner, INNER_SHARE, 1.0)
         after = after._with_ends(layer, model, lacks, known)
         metal = np.where(known, seen * height, 0.0)
-        news = np.where(known, ratio * expected - growth - self._known(layer, model), 0.0)
-        news = _without_level(news, expected, metal)
-        after = after._with_recent(news, known, model.arc > INNER * model.width)
         lacks = _without_level(lacks - after.ends[_end(model)], expected, metal)
         return after._with_missing(layer, lacks, known, weight)
 
@@ -188,27 +168,6 @@ class BeadBias:
         return replace(
             after, response=min(max(response, 0.0), 1.0), response_information=information
         )
-
-    def _with_recent(self, lacks: np.ndarray, known: np.ndarray, inner: np.ndarray) -> BeadBias:
-        """A scalar Kalman filter on how much of what the layer before lacked is missing again, inside the beads.
-        lacks (rows, cols): beside what this layer was known to lack, and without its level."""
-        share = np.maximum(gaussian_filter(known.astype(float), SMOOTH), 1e-3)
-        lacks = np.where(known, gaussian_filter(lacks, SMOOTH) / share, 0.0)
-        after = replace(self, recent=np.clip(lacks, -MAX_RECENT, MAX_RECENT))
-        before = self._recent(lacks.shape)
-        use = known & (before != 0) & inner
-        if use.sum() < MIN_CELLS:
-            return after
-        x, y = before[use], lacks[use]
-        sxx = float(x @ x)
-        slope = float(x @ y) / sxx
-        rest = float(((y - slope * x) ** 2).mean())
-        noise = RECURRENCE_ALIKE * rest / sxx + RECURRENCE_SCATTER**2
-        known_before = RESPONSE_FORGETTING * self.recurrence_information
-        information = known_before + 1 / noise
-        value = (known_before * self.recurrence + slope / noise) / information
-        value = min(max(value, 0.0), MAX_RECURRENCE)
-        return replace(after, recurrence=value, recurrence_information=information)
 
     def _with_ends(
         self, layer: int, model: BeadModel, lacks: np.ndarray, known: np.ndarray
