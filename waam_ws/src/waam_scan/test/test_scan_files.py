@@ -217,6 +217,13 @@ def test_bad_input_is_one_line_that_names_it(tmp_path, capsys):
     assert 'contradict' in capsys.readouterr().err
 
 
+def test_a_folder_of_other_logs_is_sent_to_import(tmp_path, capsys):
+    (tmp_path / 'LaserCoordinate1.csv').write_text('X,Z\n1,2\n')
+    assert run('fuse', tmp_path) == 1
+    error = capsys.readouterr().err
+    assert str(tmp_path) in error and 'waam record import' in error and 'Traceback' not in error
+
+
 def test_info_tells_what_a_file_holds(tmp_path, capsys):
     write_pass(tmp_path / 'p.npz')
     write_cloud(tmp_path / 'c.ply', cloud(500), 'binary')

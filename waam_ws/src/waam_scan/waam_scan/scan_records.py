@@ -36,12 +36,21 @@ def record_files(path: Path) -> list[Path]:
     return sorted(found, key=lambda f: (len(str(f)), str(f)))
 
 
+def _files_of(path: Path) -> list[Path]:
+    """`record_files`; FileError when there are none, with the way for logs of other programs."""
+    if found := record_files(path):
+        return found
+    raise FileError(
+        f'{path}: no .mcap file there; logs of other programs become one by `waam record import FILE ... -o NAME.mcap`'
+    )
+
+
 def recorded_mounting(path: Path) -> Mounting:
     """Where the scanner sat in that job: the parameters of scan_fusion that were recorded, else the defaults.
 
     FileError when the job used a calibration file, which is not in the recording.
     """
-    text = info(record_files(path)[0]).custom_data.get('parameters.scan_fusion')
+    text = info(_files_of(path)[0]).custom_data.get('parameters.scan_fusion')
     if text is None:
         return Mounting()
     p = parse_json(text, f'{path}: parameters.scan_fusion', finite=False)
@@ -108,9 +117,7 @@ def passes(path: Path, pause: float = PAUSE, left_out: LeftOut | None = None) ->
     """The scans of a recording, one after the other as they are read; profiles more than `pause` s apart belong to
     different ones. What a damaged file still holds is used. FileError when there is no scan in it, and for one without
     telemetry; with left_out that one goes there, as does what is damaged."""
-    files = record_files(path)
-    if not files:
-        raise FileError(f'{path}: no .mcap file there')
+    files = _files_of(path)
     scan = _Scan(str(path))
     for file in files:
         for kind, data in _messages(file, scan.damage):
