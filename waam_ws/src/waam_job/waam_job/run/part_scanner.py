@@ -55,6 +55,8 @@ class PartScanner:
     def scan_after_layer(self, layer: PlannedLayer, before: Scan) -> Scan:
         """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
         settings say so and nothing speaks against it; the scan says which (`extent`)."""
+        if before.stored:  # what lies there was not planned on one map
+            return self.scan_after(layer.number)
         if not self.settings.scan_changed_only:
             return self._witnessed(layer, before)
         window = changed.window_of(self.spec, layer.planned)
