@@ -183,7 +183,7 @@ class Campaign:
     def _collect(self) -> None:
         box = self.bridge.take_outbox()
         for mark in box.done:
-            if mark.job == JOB:
+            if mark.job_id == JOB:
                 if mark.index != self._reported:
                     self._third(f'segment {mark.index} reported after {self._reported - 1}')
                 self._reported = mark.index + 1

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from array import array
-from collections.abc import Sequence
+from typing import Any
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point
 from sensor_msgs.msg import Range
-from std_msgs.msg import Header
 
 from waam_msgs.msg import (
     AccelerationBatch,
@@ -20,6 +17,7 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_node import cdr
+from waam_node.conversions import to_msg
 from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
@@ -31,16 +29,9 @@ from .outbox import Batch, Notice
 from .program import Mark
 
 NAN = float('nan')
-LASER, INFRARED = 1, 2
-UNKNOWN, NORMAL, UNDERFED = (
-    Telemetry.WIRE_FEED_UNKNOWN,
-    Telemetry.WIRE_FEED_NORMAL,
-    Telemetry.WIRE_FEED_UNDERFEED,
-)
-SENSOR_RANGE = {
-    LASER: (0.005, 0.4),
-    INFRARED: (0.035, 0.4),
-}  # m that the controller takes for a distance
+SENSOR_RANGE = {  # m that the controller takes for a distance
+    Standoff.SOURCE_LASER: (0.005, 0.4), Standoff.SOURCE_INFRARED: (0.035, 0.4),
+}  # fmt: skip
 
 
 def stamp_ns(ns: int) -> Time:
@@ -49,16 +40,12 @@ def stamp_ns(ns: int) -> Time:
     return Time(sec=sec, nanosec=nanosec)
 
 
-def _point(values: Sequence[float] | None) -> Point:
-    x, y, z = values or (NAN, NAN, NAN)
-    return Point(x=x, y=y, z=z)
-
-
 def wire_feed(flags: int, commanded_um_s: int, measured_um_s: int) -> int:
     """WIRE_FEED_* of a frame. A wheel that stands still is no sign of a normal feed: there may be none."""
     if flags & UNDERFEED:
-        return UNDERFED
-    return NORMAL if commanded_um_s > 0 and measured_um_s > 0 else UNKNOWN
+        return Telemetry.WIRE_FEED_UNDERFEED
+    moves = commanded_um_s > 0 and measured_um_s > 0
+    return Telemetry.WIRE_FEED_NORMAL if moves else Telemetry.WIRE_FEED_UNKNOWN
 
 
 def telemetry_bytes(t: frames.Telemetry, ros_ns: int, boot: int) -> bytes:
@@ -81,62 +68,56 @@ def telemetry_bytes(t: frames.Telemetry, ros_ns: int, boot: int) -> bytes:
     return cdr.pack_telemetry(ros_ns, fields)
 
 
-def machine_state(bridge: Bridge, port: str) -> MachineState:
-    """Everything but the stamp."""
+def machine_state(bridge: Bridge, port: str, stamp: Time | None = None) -> MachineState:
+    """What is known of the controller and of what may use it."""
     who, flags = bridge.link.identity, bridge.flags if bridge.connected else 0
-    msg = MachineState(connected=bridge.connected, port=port, state=bridge.state)
+    known: dict[str, Any] = {}
     if who:
-        msg.identity, msg.firmware_version = who.name, who.firmware
-        msg.capabilities, msg.boot_id = list(who.capabilities), who.boot
         box = [mm(v) for v in who.limits_mm]
-        msg.limit_min, msg.limit_max = _point(box[:3]), _point(box[3:])
-    msg.homed, msg.armed = flags & frames.HOMED != 0, flags & frames.ARMED != 0
-    msg.arc_on = flags & frames.ARC_ENABLED != 0
-    msg.armed_job, msg.work_offset = bridge.armed_job, _point(bridge.offset)
-    msg.fault, msg.fault_text = bridge.fault, bridge.fault_text
-    msg.silent_nodes, msg.message = list(bridge.silent), bridge.message
-    return msg
+        known = {
+            'identity': who.name, 'firmware_version': who.firmware, 'capabilities': who.capabilities,
+            'boot_id': who.boot, 'limit_min': box[:3], 'limit_max': box[3:],
+        }  # fmt: skip
+    return to_msg(
+        MachineState, stamp=stamp, frame='machine', port=port, connected=bridge.connected, state=bridge.state,
+        homed=flags & frames.HOMED, armed=flags & frames.ARMED, arc_on=flags & frames.ARC_ENABLED,
+        armed_job=bridge.armed_job, work_offset=bridge.offset, fault=bridge.fault, fault_text=bridge.fault_text,
+        silent_nodes=bridge.silent, message=bridge.message, **known,
+    )  # fmt: skip
 
 
 def standoff(s: frames.Standoff, ros_ns: int) -> Standoff:
     """Lengths in m; the measured distance is NaN while it is not known. ros_ns: ROS time of the frame."""
-    header = Header(stamp=stamp_ns(ros_ns), frame_id='torch_tcp')
-    msg = Standoff(header=header, controller_us=s.t_us, source=s.source, known=s.known != 0)
-    msg.alarm, msg.correction = min(s.alarm, 255), s.correction_um * 1e-6
-    msg.set_distance = s.set_um * 1e-6
-    msg.measured_distance = s.measured_um * 1e-6 if s.known else NAN
-    return msg
+    return to_msg(
+        Standoff, stamp=stamp_ns(ros_ns), frame='torch_tcp', controller_us=s.t_us, source=s.source, known=s.known,
+        alarm=min(s.alarm, 255), correction=s.correction_um * 1e-6, set_distance=s.set_um * 1e-6,
+        measured_distance=s.measured_um * 1e-6 if s.known else NAN,
+    )  # fmt: skip
 
 
 def distance(s: frames.Standoff, ros_ns: int) -> Range | None:
     """The distance sensor for any ROS tool; None where the arc is the sensor. NaN = no reading (REP 117)."""
     if s.source not in SENSOR_RANGE:
         return None
-    header = Header(stamp=stamp_ns(ros_ns), frame_id='standoff_sensor')
-    msg = Range(header=header, radiation_type=Range.INFRARED, field_of_view=0.02)
-    msg.min_range, msg.max_range = SENSOR_RANGE[s.source]
-    msg.range = s.measured_um * 1e-6 if s.known else NAN
-    return msg
+    low, high = SENSOR_RANGE[s.source]
+    return to_msg(
+        Range, stamp=stamp_ns(ros_ns), frame='standoff_sensor', radiation_type=Range.INFRARED, field_of_view=0.02,
+        min_range=low, max_range=high, range=s.measured_um * 1e-6 if s.known else NAN,
+    )  # fmt: skip
 
 
-def segment_done(mark: Mark) -> SegmentDone:
+def segment_done(mark: Mark, stamp: Time) -> SegmentDone:
     """The message for a segment that the controller has executed."""
-    return SegmentDone(job_id=mark.job, index=mark.index, layer=mark.layer, bead=mark.bead)
+    return to_msg(SegmentDone, mark, stamp=stamp, frame='work')
 
 
-def anomaly(bridge: Bridge, notice: Notice) -> Anomaly:
-    """Everything but the header; layer and bead are those of the segment that is being executed."""
+def anomaly(bridge: Bridge, notice: Notice, stamp: Time | None = None) -> Anomaly:
+    """Layer and bead are those of the segment that is being executed."""
     mark = bridge.running
-    return Anomaly(
-        job_id=bridge.job,
-        severity=notice.severity,
-        class_name=notice.class_name,
-        text=notice.text,
-        reaction=notice.reaction,
-        layer=mark.layer if mark else 0,
-        bead=mark.bead if mark else 0,
-        position=_point(bridge.position),
-    )
+    layer, bead = (mark.layer, mark.bead) if mark else (0, 0)
+    return to_msg(
+        Anomaly, notice, stamp=stamp, frame='work', job_id=bridge.job, layer=layer, bead=bead, position=bridge.position
+    )  # fmt: skip
 
 
 def percentile(values: list[float], share: float) -> float:
@@ -144,30 +125,19 @@ def percentile(values: list[float], share: float) -> float:
     return values[min(len(values) - 1, int(share * len(values)))] if values else NAN
 
 
-def link_status(bridge: Bridge, rate: float) -> LinkStatus:
-    """Everything but the stamp. rate: telemetry frames per second of controller time."""
+def link_status(bridge: Bridge, rate: float, stamp: Time) -> LinkStatus:
+    """rate: telemetry frames per second of controller time."""
     link, sender, t = bridge.link, bridge.link.sender, bridge.link.telemetry
-    trips = sorted(link.round_trips)
-    msg = LinkStatus(connected=link.ready, telemetry_rate=rate)
-    msg.lines_sent, msg.resends = sender.lines_sent, sender.resends
-    msg.lines_acknowledged = sender.acknowledged
-    msg.bad_frames, msg.telemetry_received, msg.telemetry_lost = (
-        link.bad_frames,
-        link.received,
-        link.lost,
-    )
-    msg.round_trip_p50, msg.round_trip_p99 = percentile(trips, 0.5), percentile(trips, 0.99)
-    clock = link.clock
-    msg.clock_offset, msg.clock_drift, msg.clock_residual = (
-        clock.offset,
-        clock.drift,
-        clock.residual,
-    )
-    msg.clock_synchronised = clock.synchronised
-    msg.blocks_free, msg.bytes_free = (t.free_blocks if t else 0), max(0, min(sender.room, 65535))
-    msg.segments_queued, msg.underruns = sender.unsent, t.underruns if t else 0
-    msg.reconnects = max(0, link.connects - 1)
-    return msg
+    clock, trips = link.clock, sorted(link.round_trips)
+    return to_msg(
+        LinkStatus, stamp=stamp, connected=link.ready, telemetry_rate=rate, lines_sent=sender.lines_sent,
+        resends=sender.resends, lines_acknowledged=sender.acknowledged, bad_frames=link.bad_frames,
+        telemetry_received=link.received, telemetry_lost=link.lost, round_trip_p50=percentile(trips, 0.5),
+        round_trip_p99=percentile(trips, 0.99), clock_offset=clock.offset, clock_drift=clock.drift,
+        clock_residual=clock.residual, clock_synchronised=clock.synchronised, blocks_free=t.free_blocks if t else 0,
+        bytes_free=max(0, min(sender.room, 65535)), segments_queued=sender.unsent,
+        underruns=t.underruns if t else 0, reconnects=max(0, link.connects - 1),
+    )  # fmt: skip
 
 
 def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str, object]:
@@ -195,8 +165,8 @@ def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str
 
 def acceleration(batch: Batch, ros_ns: int) -> AccelerationBatch:
     """ros_ns: ROS time of the first sample."""
-    msg = AccelerationBatch(sensor_id=SENSOR, sequence=batch.sequence % 2**32)
-    msg.header = Header(stamp=stamp_ns(ros_ns), frame_id='machine')
-    msg.sample_rate, msg.range = batch.rate, RANGE
-    msg.x, msg.y, msg.z = (array('f', v.astype('f4').tobytes()) for v in batch.values.T)
-    return msg
+    x, y, z = batch.values.T
+    return to_msg(
+        AccelerationBatch, stamp=stamp_ns(ros_ns), frame='machine', sensor_id=SENSOR, sequence=batch.sequence % 2**32,
+        sample_rate=batch.rate, range=RANGE, x=x, y=y, z=z,
+    )  # fmt: skip

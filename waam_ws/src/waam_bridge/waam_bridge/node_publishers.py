@@ -83,9 +83,7 @@ class Publishers:
                 ros_ns = self._core.link.clock.to_ros_ns(batch.t_us)
                 self._send(self._acceleration, conversions.acceleration(batch, ros_ns))
         for mark in box.done:
-            msg = conversions.segment_done(mark)
-            msg.header.stamp, msg.header.frame_id = stamp, 'work'
-            self._send(self._done, msg)
+            self._send(self._done, conversions.segment_done(mark, stamp))
         if box.changed:
             self._publish_state(stamp)
         for notice in box.notices:
@@ -104,8 +102,7 @@ class Publishers:
         us = link.telemetry.t_us if link.telemetry else 0
         rate = (link.received - frames_then) / (us - us_then) * 1e6 if us > us_then else 0.0
         self._counted = (link.received, us)
-        msg = conversions.link_status(self._core, rate)
-        msg.header.stamp = stamp
+        msg = conversions.link_status(self._core, rate, stamp)
         self._send(self._status, msg)
         self._publish_state(stamp)
         return msg
@@ -118,9 +115,7 @@ class Publishers:
         return self._node.get_clock().now().to_msg()
 
     def _publish_state(self, stamp: Time) -> None:
-        msg = conversions.machine_state(self._core, self._port)
-        msg.header.stamp, msg.header.frame_id = stamp, 'machine'
-        self._send(self._state, msg)
+        self._send(self._state, conversions.machine_state(self._core, self._port, stamp))
 
     def _publish_standoff(self, found: frames.Standoff) -> None:
         ros_ns = self._core.link.clock.to_ros_ns(found.t_us)
@@ -130,9 +125,7 @@ class Publishers:
             self._send(self._range, seen)
 
     def _publish_notice(self, notice: Notice, stamp: Time) -> None:
-        msg = conversions.anomaly(self._core, notice)
-        msg.header.stamp, msg.header.frame_id = stamp, 'work'
-        self._send(self._anomaly, msg)
+        self._send(self._anomaly, conversions.anomaly(self._core, notice, stamp))
         log = self._node.get_logger()
         if notice.severity == Anomaly.INFO:  # rclpy wants one severity per place in the code
             log.info(notice.text)

@@ -42,7 +42,7 @@ class Limits:
 class Mark:
     """What is done when a line is executed."""
 
-    job: str
+    job_id: str
     index: int
     layer: int
     bead: int

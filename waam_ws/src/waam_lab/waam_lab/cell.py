@@ -131,7 +131,7 @@ class LabCell:
 
     def _on_outbox(self, box: Outbox) -> None:
         for mark in box.done:
-            self._view = replace(self._view, executed=mark.index, executed_job=mark.job)
+            self._view = replace(self._view, executed=mark.index, executed_job=mark.job_id)
         if box.changed:
             msg = bridge_convert.machine_state(self.device.bridge, 'laboratory')
             self._view = replace(self._view, **convert.machine_fields(msg))

@@ -1,9 +1,17 @@
-"""Shared types <-> messages: grids, segments, time. Arrays travel as array.array (numpy arrays cost far more)."""
+"""Messages <-> the project's own types, field by field by their names. Units are those of the message.
+
+`to_msg` makes a message of a dataclass, `from_msg` a dataclass of a message: fields of the same name need no further
+word, those of another name or meaning are named in the call. Numbers become int, float or bool as the message wants
+them, arrays array.array (numpy arrays cost far more), points tuples, times seconds, grids `GridSpec`.
+"""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import cache, partial
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -16,12 +24,65 @@ from waam_msgs.msg import Segment as SegmentMsg
 from waam_process.grid import GridSpec
 from waam_process.segment import Clamp, Kind, Segment
 
+Made = TypeVar('Made')
+TYPECODES = {
+    'float': 'f',
+    'uint8': 'B',
+    'uint16': 'H',
+    'uint32': 'I',
+    'int64': 'q',
+}  # of array.array
+UNKNOWN_POINT = (float('nan'),) * 3
 
-def floats(values: np.ndarray) -> array:
-    """float32[] field from any array (row-major)."""
-    a = array('f')
-    a.frombytes(np.ascontiguousarray(values, np.float32).tobytes())
-    return a
+
+def to_msg(
+    kind: type[Made], source: Any = None, /, stamp: Time | None = None, frame: str = '', **more: Any
+) -> Made:
+    """A message of all fields of the dataclass `source`; `more`: further ones, or other values. AttributeError for one
+    that the message does not have. stamp, frame: of the header."""
+    msg: Any = kind()
+    given = {f.name: getattr(source, f.name) for f in fields(source)} if source is not None else {}
+    writers = _writers(kind)  # type: ignore[arg-type]
+    for name, value in (given | more).items():
+        if name not in writers:
+            raise AttributeError(f'{kind.__name__} has no field {name!r}')
+        setattr(msg, name, writers[name](value))
+    if stamp is not None:
+        msg.header.stamp, msg.header.frame_id = stamp, frame
+    return msg
+
+
+def from_msg(kind: type[Made], msg: Any, /, **more: Any) -> Made:
+    """A dataclass of the fields of the same names; `more`: those that the message has under another name or in another
+    form. What is in neither (messages of older records have fewer fields) has its default."""
+    names = (f.name for f in fields(kind) if f.init and f.name not in more and hasattr(msg, f.name))  # type: ignore[arg-type]
+    return kind(**{name: plain(getattr(msg, name)) for name in names}, **more)
+
+
+def plain(value: Any) -> Any:
+    """A field of a message as the project's own type; a message that has none stays what it is."""
+    reader = _READERS.get(type(value))
+    return reader(value) if reader else value
+
+
+def values(typecode: str, numbers: Any) -> array:
+    """A field of numbers from any array (row-major) or sequence."""
+    made = array(typecode)
+    made.frombytes(np.ascontiguousarray(numbers, np.dtype(typecode)).tobytes())
+    return made
+
+
+floats = partial(values, 'f')  # of float32[] fields
+
+
+def xyz(point: Point | Vector3) -> tuple[float, float, float]:
+    """Of a point or vector."""
+    return point.x, point.y, point.z
+
+
+def _point(kind: type, numbers: Sequence[float] | None) -> Any:
+    x, y, z = UNKNOWN_POINT if numbers is None else numbers
+    return kind(x=float(x), y=float(y), z=float(z))
 
 
 def grid_to_msg(spec: GridSpec) -> GridInfo:
@@ -69,34 +130,14 @@ def image_to_msg(z: np.ndarray, header: Header) -> Image:
     return msg
 
 
-_SAME = (
-    'index', 'layer', 'bead', 'arc', 'speed', 'wire_feed_speed', 'voltage', 'dwell', 'height', 'width',
-    'speed_programmed', 'wire_feed_base', 'psi', 'k_gain', 'residual_height', 'heat_factor', 'flow_factor',
-)  # fmt: skip
-
-
-def segment_to_msg(s: Segment) -> SegmentMsg:
-    """Field by field; both are SI in the work frame."""
-    msg = SegmentMsg()
-    for name in _SAME:
-        setattr(msg, name, getattr(s, name))
-    msg.kind, msg.clamps = int(s.kind), int(s.clamps)
-    for name, kind in (('start', Point), ('end', Point), ('tool_axis', Vector3)):
-        x, y, z = getattr(s, name)
-        setattr(msg, name, kind(x=float(x), y=float(y), z=float(z)))
-    return msg
+def segment_to_msg(segment: Segment) -> SegmentMsg:
+    """Both are SI in the work frame."""
+    return to_msg(SegmentMsg, segment)
 
 
 def segment_from_msg(msg: SegmentMsg) -> Segment:
     """Raises ValueError for an unknown kind; call `Segment.check` for the rest."""
-    return Segment(
-        kind=Kind(msg.kind),
-        clamps=Clamp(msg.clamps),
-        start=(msg.start.x, msg.start.y, msg.start.z),
-        end=(msg.end.x, msg.end.y, msg.end.z),
-        tool_axis=(msg.tool_axis.x, msg.tool_axis.y, msg.tool_axis.z),
-        **{name: getattr(msg, name) for name in _SAME},
-    )
+    return from_msg(Segment, msg, kind=Kind(msg.kind), clamps=Clamp(msg.clamps))
 
 
 def time_to_msg(seconds: float) -> Time:
@@ -113,3 +154,35 @@ def seconds(stamp: Time) -> float:
 def nanoseconds(stamp: Time) -> int:
     """A stamp as an integer, ns; exact."""
     return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+# ---- what `to_msg` and `from_msg` know of the types of fields
+
+_SIMPLE: dict[str, Callable[[Any], Any]] = {
+    'boolean': bool, 'string': str, 'float': float, 'double': float,
+    **dict.fromkeys(('uint8', 'uint16', 'uint32', 'uint64', 'int32', 'int64'), int),
+    'sequence<string>': list,
+}  # fmt: skip
+_SHARED: dict[str, Callable[[Any], Any]] = {
+    'geometry_msgs/Point': partial(_point, Point), 'geometry_msgs/Vector3': partial(_point, Vector3),
+    'builtin_interfaces/Time': time_to_msg, 'waam_msgs/GridInfo': grid_to_msg, 'waam_msgs/BeadPaths': paths_to_msg,
+}  # fmt: skip
+_READERS: dict[type, Callable[[Any], Any]] = {
+    Point: xyz, Vector3: xyz, Time: seconds, GridInfo: grid_from_msg, BeadPaths: paths_from_msg, list: tuple,
+}  # fmt: skip
+
+
+@cache
+def _writers(kind: Any) -> dict[str, Callable[[Any], Any]]:
+    """For every field of a message: what makes its value."""
+    return {name: _writer(text) for name, text in kind.get_fields_and_field_types().items()}
+
+
+def _writer(kind: str) -> Callable[[Any], Any]:
+    if kind in _SIMPLE:
+        return _SIMPLE[kind]
+    inner = kind.removeprefix('sequence<').removesuffix('>')
+    if inner != kind and inner in TYPECODES:
+        return partial(values, TYPECODES[inner])
+    make = _SHARED.get(kind)
+    return lambda value: value if make is None or hasattr(value, 'SLOT_TYPES') else make(value)
