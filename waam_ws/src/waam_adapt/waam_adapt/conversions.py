@@ -30,7 +30,7 @@ from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
-from .hold.width import SeenWidth, WidthEstimate
+from .identify.bead_width import SeenWidth, WidthEstimate
 from .laws.checks import MapOrigin
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer

@@ -13,7 +13,7 @@ import numpy as np
 from waam_node.params import param
 from waam_process.learned import Learned
 
-from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
+from ..identify.bead_width import SeenWidth, WidthEstimate, WidthIdentifier
 from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
 from ..identify.experience import start_of, taught_by
