@@ -36,7 +36,8 @@ from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
 from waam_job.run.again import BURNS_A
-from waam_node.conversions import segment_from_msg, time_to_msg
+from waam_msgs.msg import JobStatus, LayerReport
+from waam_node.conversions import segment_from_msg, time_to_msg, to_msg
 from waam_process.grid import GridError, GridSpec
 from waam_process.operating import GANTRY
 from waam_process.segment import Point, Segment
@@ -284,7 +285,7 @@ class LabCell:
     def status(self, status: Status) -> None:
         """Tells the compensator; injects the faults of a layer when its deposition begins."""
         self._account(status.state)
-        answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
+        answers.follow_job(self.thermal, to_msg(JobStatus, status, stamp=time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = self.process.layer = status.layer if deposits else 0
         if self._trace is not None:
@@ -300,7 +301,9 @@ class LabCell:
 
     def layer_report(self, report: LayerRecord) -> None:
         """Tells the compensator; kept in `reports`."""
-        answers.follow_layer(self.thermal, convert.layer_to_msg(report, time_to_msg(self.now())))
+        answers.follow_layer(
+            self.thermal, to_msg(LayerReport, report, stamp=time_to_msg(self.now()))
+        )
         self.reports.append(report)
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:

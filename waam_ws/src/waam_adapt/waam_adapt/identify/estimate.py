@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from ..beads.model import BeadModel
 from .evidence import LayerEvidence
 
 # Relative, of a whole layer, before any is known: what one layer is off all over is mostly gone in the next.
@@ -36,7 +37,7 @@ class Estimate:
     updates: int = 0
     # standard deviation of a layer's ratio about the process, identified
     layer_noise: float = LAYER_NOISE
-    # 0..1, of the growth network in the next layer (`beads.skill`); NaN: the law has none or predicted no layer
+    # 0..1, of the growth network in the next layer (`forecast_weight`); NaN: the law has none or predicted no layer
     network_weight: float = math.nan
 
     def flow_factor(self, slope: float | None = None) -> float:
@@ -45,6 +46,13 @@ class Estimate:
         ratio = min(max(self.efficiency_ratio, LOW), HIGH)
         slope = min(self.slope if slope is None else slope, 1.0)
         return min(max(ratio ** (-1 / slope), 1 / HIGH), 1 / LOW)
+
+    def slope_on(self, model: BeadModel | None, caution: float = 0.0) -> float:
+        """Of growth on metal: overlapped beads keep all of it, a single one gets wider as well. caution: added to what
+        was estimated where nothing says that the beads overlap."""
+        if model is not None and model.overlapped:
+            return 1.0
+        return min(1.0, self.slope + caution)
 
     @property
     def height_exponent(self) -> float:
