@@ -99,6 +99,6 @@ class ResponseWatch:
         self._doubt = (
             f'layer {laid.number} brought {laid.arc.energy * 1e-3:.0f} kJ of heat, but the temperature rose by '
             f'{max(rise, 0.0):.0f} K only, from {self._before:.0f} degC; within '
-            f'{MAX_SPOT_DISTANCE * 1e3:.0f} mm of a bead it '
-            f'rises by {least:.0f} K at least: the spot of the pyrometer does not lie on the layer'
+            f'{MAX_SPOT_DISTANCE * 1e3:.0f} mm of a bead it rises by {least:.0f} K at least: '
+            'the spot of the pyrometer does not lie on the layer'
         )

@@ -266,8 +266,8 @@ def restart(
     that a segment still needs, by index.
 
     The end of a bead is round, and the pool that trailed the arc set ahead of its place. A path that was begun goes on
-    where half of its metal is there, and what lies within `END_REACH` beyond that point is not laid again. `start` is the
-    share of the metal over the first bead width from there.
+    where half of its metal is there, and what lies within `END_REACH` beyond that point is not laid again. `start` is
+    the share of the metal over the first bead width from there.
     """
     done = progress.done
     path = begun_path(deposits, done)
