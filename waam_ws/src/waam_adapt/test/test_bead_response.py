@@ -77,7 +77,7 @@ def test_an_end_is_asked_for_no_more_than_has_arrived_there(fill):
     model = bead_model(zigzag(), SIZE, W)
     crater = np.where((model.end < 0) & (model.end > -4), 0.9, 0.0)
     deviation = BeadDeviation(crater, fill=fill)
-    request = pad(1.5e-3).told(learned=deviation)
+    request = pad(1.5e-3).with_prediction(learned=deviation)
     asked = laws.DampedInverse(1.0).height_request(request)
     assert asked is not None
     need, weight = crater, (crater >= 0) * 1.0

@@ -327,7 +327,7 @@ def test_an_efficiency_that_drifts_ahead_of_the_flow_factor_is_expected():
     request = pad(0.75e-3)
     who = Identifier(watch_beads=True)
     who.start('job', 60)
-    who.beads = bias
+    who.beads.state = bias
     assert who.prepare(request).learned.missing.max() < -0.04
 
 
@@ -350,9 +350,9 @@ def test_a_layer_asked_for_twice_counts_once_and_another_job_starts_afresh():
         for _ in range(times):
             who.start('a', 2)
             who.add(layer)
-    assert once.beads.layers == twice.beads.layers == (0, 1)
+    assert once.beads.state.layers == twice.beads.state.layers == (0, 1)
     once.start('b', 1)
-    assert once.beads.layers == (0, 0)
+    assert once.beads.state.layers == (0, 0)
 
 
 def test_growth_over_the_inner_cells_ignores_holes():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from unet_layers import weights_file
 
-from waam_adapt.identify.experience import start_of
 from waam_adapt.identify.identification import Start
 from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector, LastLayer
@@ -54,7 +53,7 @@ def job(corrector: Corrector, learned: Learned | None, name: str, efficiency=0.8
 
 
 def test_without_former_jobs_everything_is_as_before(corrector):
-    assert start_of(None) == start_of(NOTHING) == Start()
+    assert Start.of(None) == Start.of(NOTHING) == Start()
     plain, told = job(corrector, None, 'a'), job(corrector, NOTHING.for_job('7'), 'b')
     for a, b in zip(plain, told, strict=True):
         assert a.flow_factor == b.flow_factor

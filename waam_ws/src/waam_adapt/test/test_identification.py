@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from waam_adapt import filters
 from waam_adapt.beads.bead_bias import BeadBias
+from waam_adapt.identify.efficiency import Process
 from waam_adapt.identify.estimate import Estimate, update, update_slope
 from waam_adapt.identify.evidence import (
     BlockAverages,
@@ -17,6 +18,7 @@ from waam_adapt.identify.evidence import (
     layer_evidence,
 )
 from waam_adapt.identify.identification import Identifier
+from waam_adapt.identify.layers import model_of_request
 from waam_adapt.types import CorrectionInput
 
 SHAPE, RES, WIDTH = (90, 120), 0.5e-3, 6e-3
@@ -176,7 +178,7 @@ def test_beads_that_overlap_keep_all_of_their_metal_whatever_exponent_was_seen()
     """An exponent that scans of a rough surface suggest must not scale the wire of a whole layer."""
     who = Identifier()
     who.start('job', 1)
-    who.estimate = replace(Estimate(), efficiency_ratio=0.9, slope=0.6)
+    who.efficiency.state = Process(Estimate(efficiency_ratio=0.9, slope=0.6))
     assert who.flow_factor(pad_request()) == pytest.approx(1 / 0.9)
     single = replace(pad_request(), paths=(np.array([[4e-3, 20e-3], [56e-3, 20e-3]]),))
     assert who.flow_factor(single) == pytest.approx(0.9 ** (-1 / 0.6))
@@ -254,7 +256,7 @@ def watching(beads: BeadBias, laid: Layer) -> Estimate:
     who.start('job', 1)
     who.prepare(pad_request())
     who.start('job', 2)
-    who.beads = beads
+    who.beads.state = beads
     who.add(laid)
     return who.estimate
 
@@ -300,7 +302,7 @@ def test_a_spike_of_the_scan_does_not_move_the_level():
 
 
 def test_metal_that_was_asked_for_because_beads_lack_it_is_no_loss_of_efficiency():
-    model = Identifier().model_of(pad_request())
+    model = model_of_request(pad_request())
     lack = np.zeros(model.shape)
     lack[:, :14] = 0.1
     asked = np.ones(SHAPE)

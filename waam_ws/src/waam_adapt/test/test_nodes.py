@@ -16,8 +16,8 @@ from sensor_msgs.msg import Temperature
 
 from waam_adapt.conversions import bead_paths, correction_input, next_thickness, ratio_high
 from waam_adapt.feed.params import FeedParams
-from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
+from waam_adapt.process_control.params import ProcessControlParams
 from waam_adapt.thermal.params import ThermalParams
 from waam_msgs.msg import (
     CorrectionMap,
@@ -38,7 +38,7 @@ from waam_process.learned import nothing, parse
 CONFIGS = {
     'correction_server': CorrectionParams,
     'feed_forward': FeedParams,
-    'process_control': HoldParams,
+    'process_control': ProcessControlParams,
     'thermal_compensator': ThermalParams,
 }
 SPEC = GridSpec(0.0, 0.0, 0.5e-3, 80, 120)

@@ -252,8 +252,8 @@ def lay(corrector: Corrector, layers: int, left, job: str = 'job', times: int = 
         answers.append([corrector.answer(number, r, where, last) for _ in range(times)][-1])
         c = answers[-1].correction
         asked = np.where(r.footprint, H / (1 + c.k_gain * c.psi) + c.residual_height, 0.0)
-        kept = corrector.identifier.asked[number]
-        after = laid(r, left(kept.told, kept.weighed))
+        kept = corrector.identifier.memory[number]
+        after = laid(r, left(kept.forecast, kept.weighed))
         last = LastLayer(r.z, asked, answers[-1].flow_factor)
         r = request(z=after, target=np.where(r.footprint, r.target + H, 0.0))
     return answers
@@ -290,8 +290,8 @@ def test_shape_and_level_are_weighed_apart(tmp_path):
     corrector = corrector_of(tmp_path)
     lay(corrector, 5, lambda told, weighed: told.shape - weighed.shape - weighed.level)
     who = corrector.identifier
-    assert who.shape_weight.weight > 0.93
-    assert who.level_weight.weight < 0.7 * who.shape_weight.weight
+    assert who.forecasts.state.shape.weight > 0.93
+    assert who.forecasts.state.level.weight < 0.7 * who.forecasts.state.shape.weight
 
 
 @given(st.floats(-2.0, 2.0), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
@@ -314,7 +314,7 @@ def test_nothing_is_believed_because_it_was_packaged(tmp_path):
     corrector = Corrector(CorrectionParams(model=str(path)))
     answer = corrector.answer(1, request(), origin(0), LastLayer())
     assert answer.estimate.network_weight == 0.3
-    assert corrector.identifier.level_weight.weight == 0.1
+    assert corrector.identifier.forecasts.state.level.weight == 0.1
 
 
 def test_without_its_say_the_network_changes_nothing(law):

@@ -68,7 +68,6 @@ def set_feed(p: FeedParams, request: ComputeFeed.Request) -> Setpoints:
         correction=field,
         apply=request.apply_correction,
         heat_factor=request.heat_factor,
-        drives=p.drives,
     )
     convert.write_setpoints(request.segments, path, result)
     return result

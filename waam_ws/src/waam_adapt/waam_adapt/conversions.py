@@ -18,19 +18,18 @@ from waam_msgs.msg import (
 )
 from waam_msgs.srv import ComputeCorrection
 from waam_node.conversions import (
-    floats,
     grid_from_msg,
-    grid_to_msg,
     map_from_msg,
     paths_from_msg,
     seconds,
+    to_msg,
 )
 from waam_process.grid import GridSpec
 from waam_process.heat import ArcPass
 from waam_process.learned import Learned, LearnedError, parse
 
 from .feed.feed_forward import Field, Path, Setpoints
-from .hold.width import SeenWidth, WidthEstimate
+from .identify.bead_width import SeenWidth, WidthEstimate
 from .laws.checks import MapOrigin
 from .thermal.interpass import Heat
 from .thermal.response import LaidLayer
@@ -38,7 +37,7 @@ from .types import Correction, CorrectionError, CorrectionInput, LastLayer
 
 if TYPE_CHECKING:
     from .identify.estimate import Estimate
-    from .identify.outcome import Outcome
+    from .identify.layers import Outcome
 
 
 def optional_map(name: str, values: array, spec: GridSpec) -> np.ndarray | None:
@@ -208,38 +207,36 @@ def correction_to_msg(
     outcome: Outcome | None = None,
 ) -> CorrectionMap:
     """The answer to a request: maps (rows, cols) of `spec`, metres and ratios as in CorrectionMap."""
-    msg = CorrectionMap(header=request.map.header, job_id=request.job_id, layer=request.layer)
-    msg.grid = grid_to_msg(spec)
-    msg.psi = floats(result.psi)
-    msg.confidence = floats(result.confidence)
-    msg.residual_height = floats(result.residual_height)
-    msg.k_gain, msg.flow_factor = float(result.k_gain), float(flow_factor)
-    msg.law, msg.model_hash = result.law, result.model_hash
-    msg.fallback, msg.reasons = result.fallback, list(result.reasons)
-    msg.saturated_cells, msg.width_ratio = result.saturated_cells, float(width_ratio)
+    told = {}
     if outcome is not None:
-        msg.expected_rms = outcome.rms
-        msg.expected_rms_low, msg.expected_rms_high = outcome.low, outcome.high
-    return msg
+        told = {
+            'expected_rms': outcome.rms,
+            'expected_rms_low': outcome.low,
+            'expected_rms_high': outcome.high,
+        }
+    return to_msg(
+        CorrectionMap, result, header=request.map.header, job_id=request.job_id, layer=request.layer, grid=spec,
+        flow_factor=flow_factor, saturated_cells=result.saturated_cells, width_ratio=width_ratio, **told,
+    )  # fmt: skip
 
 
 def estimate_to_msg(
     estimate: Estimate, width: WidthEstimate, job_id: str, layer: int
 ) -> ProcessEstimate:
     """What is believed of the process after `layer`, without a header."""
-    return ProcessEstimate(
-        job_id=job_id,
-        layer=layer,
-        efficiency_ratio=estimate.efficiency_ratio,
-        efficiency_sigma=estimate.efficiency_sigma,
-        height_exponent=estimate.height_exponent,
-        height_exponent_sigma=estimate.slope_sigma,
-        spread=estimate.spread,
-        innovation=estimate.innovation,
-        drift_alarm=estimate.drift_alarm,
-        width_ratio=width.ratio if width.layers else np.nan,
-        width_ratio_sigma=width.sigma if width.layers else np.nan,
+    ratio, sigma = (width.ratio, width.sigma) if width.layers else (np.nan, np.nan)
+    same = (
+        'efficiency_ratio',
+        'efficiency_sigma',
+        'height_exponent',
+        'spread',
+        'innovation',
+        'drift_alarm',
     )
+    return to_msg(
+        ProcessEstimate, job_id=job_id, layer=layer, height_exponent_sigma=estimate.slope_sigma, width_ratio=ratio,
+        width_ratio_sigma=sigma, **{n: getattr(estimate, n) for n in same},
+    )  # fmt: skip
 
 
 def field_from_msg(msg: CorrectionMap) -> Field | None:
@@ -310,19 +307,11 @@ def write_setpoints(segments: list[Segment], path: Path, result: Setpoints) -> N
 
 def heat_to_msg(heat: Heat, interpass_limit: float, material: str) -> HeatFactor:
     """Without its header."""
-    return HeatFactor(
-        factor=heat.factor,
-        temperature=heat.temperature,
-        temperature_rate=heat.rate,
-        interpass_limit=interpass_limit,
-        ready=heat.ready,
-        estimated_wait=heat.wait,
-        plausible=heat.plausible,
-        reasons=list(heat.reasons),
-        material=material,
-        believed=heat.believed,
-        doubt=heat.doubt,
-    )
+    fields = {k: v for k, v in vars(heat).items() if k not in ('rate', 'wait')}
+    return to_msg(
+        HeatFactor, temperature_rate=heat.rate, estimated_wait=heat.wait, interpass_limit=interpass_limit,
+        material=material, believed=heat.believed, **fields,
+    )  # fmt: skip
 
 
 def laid_layer(report: LayerReport, arc_efficiency: float) -> LaidLayer | None:

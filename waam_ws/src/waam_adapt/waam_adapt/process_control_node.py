@@ -7,8 +7,8 @@ import time
 from waam_msgs.msg import Override, ProcessControl, Telemetry
 from waam_node import node, qos
 
-from .hold import control, conversions
-from .hold.params import HoldParams
+from .process_control import control, conversions
+from .process_control.params import ProcessControlParams
 
 STALE_PERIOD = 0.1  # s, steady time, between two messages while telemetry is stale
 
@@ -20,7 +20,7 @@ class ProcessControlNode(node.WaamNode):
     """
 
     def __init__(self) -> None:
-        super().__init__('process_control', HoldParams)
+        super().__init__('process_control', ProcessControlParams)
         self.message = 'off'
         if self.params.value == 'none':
             return

@@ -16,9 +16,11 @@ from .thermal.compensator import Compensator
 from .thermal.interpass import Heat
 from .thermal.params import ThermalParams
 
+PERIOD = 0.5  # s of ROS time, shortest between two messages without news
+
 
 class ThermalCompensator(node.WaamNode):
-    """Publishes heat_factor (latched): at once when it says something new, otherwise every `period`.
+    """Publishes heat_factor (latched): at once when it says something new, otherwise every PERIOD.
 
     `job_status` names the material that is laid and says when a layer begins; `layer_report` says what its arc brought.
     """
@@ -64,7 +66,7 @@ class ThermalCompensator(node.WaamNode):
         """Says what holds at ROS time `now` when it is news or the period is over."""
         heat = self.compensator.state(now)
         news = self.last is None or _words(heat) != _words(self.last)
-        if not news and 0 <= now - self.last_time < self.params.period:
+        if not news and 0 <= now - self.last_time < PERIOD:
             return
         self.last, self.last_time = heat, now
         msg = convert.heat_to_msg(heat, self.compensator.limit, self.compensator.material)

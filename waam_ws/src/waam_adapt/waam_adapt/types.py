@@ -5,7 +5,6 @@ Maps are (rows, cols) on one grid, rows along +y, columns along +x, metres, NaN 
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -149,15 +148,11 @@ class CorrectionInput:
         """A program of others: its plan names what a setpoint may ask for."""
         return self.ratio_high > 0
 
-    def told(
+    def with_prediction(
         self, forecast: Forecast | None = None, learned: BeadDeviation | None = None
     ) -> CorrectionInput:
-        """The same with what is believed of the layer; maps and limits stay, so nothing is checked again."""
-        other = copy.copy(self)
-        for name, value in (('forecast', forecast), ('learned', learned)):
-            if value is not None:
-                object.__setattr__(other, name, value)
-        return other
+        """With what is believed of the layer."""
+        return replace(self, forecast=forecast or self.forecast, learned=learned or self.learned)
 
     @property
     def error(self) -> np.ndarray:
@@ -202,6 +197,10 @@ class CorrectionLaw(Protocol):
 
     def correct(self, request: CorrectionInput) -> Correction:
         """psi and its terms for a layer. Never raises for a map that passed `CorrectionInput`."""
+
+    def prepare(self, request: CorrectionInput) -> None:
+        """Computes, and keeps, what the paths of a layer alone decide: `correct` is quicker then. The request tells its
+        paths and has a footprint."""
 
 
 def nothing(

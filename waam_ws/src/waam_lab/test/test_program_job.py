@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +13,13 @@ import yaml
 
 from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_lab import run
+from waam_lab.cell import LabCell
 from waam_lab.job import LabJob
-from waam_lab.metal_trace import MetalTrace
 from waam_lab.watch import LayerWatch
 from waam_node import job_folder
-from waam_plan.gcode.store import load_plan
-from waam_plan.import_gcode.level_metal import RATIO_HIGH
-from waam_process.segment import Kind
+from waam_plan.post.store import load_plan
+from waam_plan.read.level_metal import RATIO_HIGH
+from waam_process.segment import Kind, Segment
 
 
 def pad(layers: int = 2) -> str:
@@ -51,16 +52,30 @@ def goal(tmp_path) -> JobGoal:
     )
 
 
-def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
-    trace, watch = MetalTrace(), LayerWatch()
-    result = run(LabJob(goal, seed=3, keep=True), trace, watch)
+@pytest.fixture
+def sent_in(monkeypatch) -> dict[int, list[Segment]]:
+    """What is sent to the machine by layer; 0 = outside of layers."""
+    layers, enqueue = defaultdict(list), LabCell.enqueue
+
+    def noted(cell, job_id, segments, last):
+        enqueue(cell, job_id, segments, last)
+        for s in segments:
+            layers[s.layer].append(s)
+
+    monkeypatch.setattr(LabCell, 'enqueue', noted)
+    return layers
+
+
+def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal, sent_in):
+    watch = LayerWatch()
+    result = run(LabJob(goal, seed=3, keep=True), watch)
     assert result.error_code == 0, result.message
     assert result.layers == 2 and result.fallbacks == 0
     plan = load_plan(result.folder / job_folder.plan())
     for layer in plan.layers:
-        sent = [s for s in trace.layers[layer.number] if s.kind == Kind.DEPOSIT]
+        sent = [s for s in sent_in[layer.number] if s.kind == Kind.DEPOSIT]
         assert [(s.start, s.end) for s in sent] == [(s.start, s.end) for s in layer.deposits]
-    second = [s for s in trace.layers[2] if s.kind == Kind.DEPOSIT]
+    second = [s for s in sent_in[2] if s.kind == Kind.DEPOSIT]
     assert any(abs(s.speed - 0.01) > 1e-4 for s in second)  # corrected
     assert {round(s.speed_programmed, 6) for s in second} == {0.01}
     kept = result.folder / job_folder.PROGRAM_GIVEN
@@ -75,12 +90,11 @@ def test_a_program_is_laid_in_closed_loop_and_its_path_stays(goal):
     assert told == pytest.approx([np.median(second.planned[second.footprint]), 0.0], rel=1e-5)
 
 
-def test_without_a_nominal_part_a_program_is_watched_only(goal):
+def test_without_a_nominal_part_a_program_is_watched_only(goal, sent_in):
     bare = replace(goal, part=Path(''), loop_mode='monitor', layers=1)
-    trace = MetalTrace()
-    result = run(LabJob(bare, seed=3), trace)
+    result = run(LabJob(bare, seed=3))
     assert result.error_code == 0, result.message
-    sent = [s for s in trace.layers[1] if s.kind == Kind.DEPOSIT]
+    sent = [s for s in sent_in[1] if s.kind == Kind.DEPOSIT]
     assert {round(s.speed, 6) for s in sent} == {0.01}
     feed = 7.6 * 0.01  # of the file, within what the lead of the wire at corners takes and gives
     assert np.median([s.wire_feed_speed for s in sent]) == pytest.approx(feed, rel=0.02)
@@ -109,12 +123,11 @@ def test_a_program_beyond_the_machine_is_refused_before_anything_moves(goal):
     assert 'outside the machine' in result.message
 
 
-def test_a_program_beside_the_plate_is_refused_before_the_arc(goal):
+def test_a_program_beside_the_plate_is_refused_before_the_arc(goal, sent_in):
     """The plate begins 20 mm before work zero; the program begins 36 mm before it."""
-    trace = MetalTrace()
     moved = replace(goal, program_shift=(-0.076, 0.0, 0.0), loop_mode='monitor', part=Path(''))
-    result = run(LabJob(moved, seed=3), trace)
+    result = run(LabJob(moved, seed=3))
     assert result.error_code == Code.PLAN_FAILED and 'no plate under' in result.message
     assert '10.0 mm below work zero' in result.message
-    assert set(trace.layers) == {0}  # the scan
+    assert set(sent_in) == {0}  # the scan
     assert run(LabJob(replace(moved, program_shift=(-0.056, 0.0, 0.0)), seed=3)).error_code == 0

@@ -36,7 +36,8 @@ from waam_job.model.goal import Code, JobError
 from waam_job.model.records import AnomalyRecord, LayerRecord, State, Status
 from waam_job.model.telemetry import TelemetryStats
 from waam_job.run.again import BURNS_A
-from waam_node.conversions import segment_from_msg, time_to_msg
+from waam_msgs.msg import JobStatus, LayerReport
+from waam_node.conversions import segment_from_msg, time_to_msg, to_msg
 from waam_process.grid import GridError, GridSpec
 from waam_process.operating import GANTRY
 from waam_process.segment import Point, Segment
@@ -46,7 +47,6 @@ from waam_sim.plant import Plant
 from .contact import ContactTrace
 from .job import Fault
 from .machine import Machine
-from .metal_trace import MetalTrace
 from .params import LabParams
 from .process import LabControl, ProcessTrace
 from .robot.robot_machine import RobotMachine
@@ -71,7 +71,6 @@ class LabCell:
         params: LabParams,
         plant: Plant,
         faults: tuple[Fault, ...] = (),
-        trace: MetalTrace | None = None,
         watch: LayerWatch | None = None,
         machine: str = GANTRY,
     ) -> None:
@@ -93,7 +92,7 @@ class LabCell:
         d = self.device
         d.on_frame, d.on_outbox = self._on_frame, self._on_outbox
         d.on_temperature, d.on_profiles = self._on_temperature, self.scanning.on_profiles
-        self._trace, self._watch = trace, watch
+        self._watch = watch
         self.contact, self.process = ContactTrace(), ProcessTrace()
         self._control = LabControl(params.process_control, self.device)
         d.on_exchange = self._on_exchange
@@ -220,8 +219,6 @@ class LabCell:
         try:
             permit = bridge.permit(job_id, segments)
             bridge.commit(permit, program.prepare(permit, segments, last))
-            if self._trace is not None:
-                self._trace.on_segments(segments)
         except program.Refusal as e:
             text = f'bridge/enqueue: {e} (error {e.code})'
             raise JobError(Code.DEPOSITION_FAILED, text) from None
@@ -284,11 +281,9 @@ class LabCell:
     def status(self, status: Status) -> None:
         """Tells the compensator; injects the faults of a layer when its deposition begins."""
         self._account(status.state)
-        answers.follow_job(self.thermal, convert.status_to_msg(status, time_to_msg(self.now())))
+        answers.follow_job(self.thermal, to_msg(JobStatus, status, stamp=time_to_msg(self.now())))
         deposits = status.state == State.DEPOSITING
         self._stats.layer = self.process.layer = status.layer if deposits else 0
-        if self._trace is not None:
-            self._trace.on_layer(self._stats.layer, self.device.plant)
         for fault in [f for f in self._faults if deposits and f.layer == status.layer]:
             self._faults.remove(fault)
             self.device.plant.faults.inject(fault.name, fault.value, self.device.plant.now)
@@ -300,7 +295,9 @@ class LabCell:
 
     def layer_report(self, report: LayerRecord) -> None:
         """Tells the compensator; kept in `reports`."""
-        answers.follow_layer(self.thermal, convert.layer_to_msg(report, time_to_msg(self.now())))
+        answers.follow_layer(
+            self.thermal, to_msg(LayerReport, report, stamp=time_to_msg(self.now()))
+        )
         self.reports.append(report)
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:

@@ -218,22 +218,10 @@ class _Bar:
 
     def __init__(self, title: str) -> None:
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeRemainingColumn,
-        )
+        from rich.progress import Progress
 
         console = Console(stderr=True)
-        columns = (
-            TextColumn('{task.description}'),
-            BarColumn(30),
-            TaskProgressColumn(),
-            TimeRemainingColumn(),
-        )
-        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._progress = Progress(console=console, disable=not console.is_terminal)
         self._task = self._progress.add_task(title, total=None)
         self._steps = self._total = 0
 

@@ -29,18 +29,16 @@ from waam_sim.plant import Plant, PlantParams
 from . import params, results
 from .cell import LabCell
 from .job import LabJob, LabResult
-from .metal_trace import MetalTrace
 from .operator import Operator
 from .watch import LayerWatch
 
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
-def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None = None) -> LabResult:
+def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
     """Runs a job. JobError: the goal is refused; ValueError: a parameter, fault or part is; both say what is wrong.
 
-    trace: notes what was sent to the machine. watch: notes what the correction was asked and what grew, for
-    `waam_lab.training_data`.
+    watch: notes what the correction was asked and what grew, for `waam_lab.training_data`.
     A job that fails on the way (a fault of the cell, a map that cannot be believed) is a result with verdict 'failed'.
     """
     known = params.make(job.overrides, preset=job.preset)
@@ -48,7 +46,7 @@ def run(job: LabJob, trace: MetalTrace | None = None, watch: LayerWatch | None =
     checked = check(replace(job.goal, learned_dir=job.learned))
     physics = physics_of(job, known)
     plant = Plant(on_table(job, checked, known, physics).heights, physics, job.seed)
-    cell = LabCell(known, plant, job.faults, trace, watch, job.machine)
+    cell = LabCell(known, plant, job.faults, watch, job.machine)
     try:
         with _folder(job, checked, known) as folder, _few_objects():
             began, cpu = cell.now(), time.process_time()

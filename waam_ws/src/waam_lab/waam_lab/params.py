@@ -15,8 +15,8 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 
 from waam_adapt.feed.params import FeedParams
-from waam_adapt.hold.params import HoldParams
 from waam_adapt.laws.corrector import CorrectionParams
+from waam_adapt.process_control.params import ProcessControlParams
 from waam_adapt.thermal.params import ThermalParams
 from waam_bridge.params import BridgeParams
 from waam_job.ros.job_params import JobParams
@@ -36,7 +36,7 @@ NODES: dict[str, tuple[str, type]] = {  # node: its package, its parameters
     'correction_server': ('waam_adapt', CorrectionParams),
     'feed_forward': ('waam_adapt', FeedParams),
     'thermal_compensator': ('waam_adapt', ThermalParams),
-    'process_control': ('waam_adapt', HoldParams),
+    'process_control': ('waam_adapt', ProcessControlParams),
     'job_sequencer': ('waam_job', JobParams),
 }
 EVERY = '/**'  # of a parameter file: for all nodes
@@ -54,7 +54,7 @@ class LabParams:
     correction_server: CorrectionParams
     feed_forward: FeedParams
     thermal_compensator: ThermalParams
-    process_control: HoldParams
+    process_control: ProcessControlParams
     job_sequencer: JobParams
 
     def by_node(self, machine: str = GANTRY) -> dict[str, dict[str, Any]]:

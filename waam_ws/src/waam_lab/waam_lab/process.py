@@ -6,8 +6,8 @@ from array import array
 
 import numpy as np
 
-from waam_adapt.hold.control import ProcessControl, Sample
-from waam_adapt.hold.params import HoldParams
+from waam_adapt.process_control.control import ProcessControl, Sample
+from waam_adapt.process_control.params import ProcessControlParams
 from waam_bridge import overrides
 from waam_bridge.frames import ARC_ESTABLISHED, Telemetry
 from waam_process.plant_port import SAMPLE
@@ -28,7 +28,7 @@ POOL = 50  # exchanges: in 0.5 s the pool travels its own length, and what is sh
 class LabControl:
     """Telemetry in, factors to the bridge: what node process_control does. Does nothing while it is off."""
 
-    def __init__(self, params: HoldParams, machine: Machine) -> None:
+    def __init__(self, params: ProcessControlParams, machine: Machine) -> None:
         self._machine = machine
         self.control = ProcessControl(params) if params.value != 'none' else None
 

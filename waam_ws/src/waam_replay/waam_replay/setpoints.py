@@ -80,7 +80,6 @@ def one(call: Exchange, again: PsiAgain | None, params: FeedParams, job: JobPara
         correction=field,
         apply=apply,
         heat_factor=heat,
-        drives=params.drives,
     )
     answered = call.response.segments
     recorded = {n: np.array([getattr(s, n) for s in answered], float) for n in COMPARED}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -192,8 +190,3 @@ def test_at_the_end_of_the_wire_the_wheel_runs_down_and_the_arc_goes_out(make_ce
     drive.wait(1.0, WIRE, 22.0, ON)
     assert plant.arc_on
     assert drive.wait(0.5, WIRE, 22.0, ON)[-1].wire_speed == pytest.approx(WIRE, rel=0.03)
-
-
-def test_parameters_are_documented():
-    for f in dataclasses.fields(ArcParams):
-        assert f.metadata['description'], f.name

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from waam_process.plant_port import SAMPLE
-from waam_sim.pace import ARC, MOST, Pace
+from waam_sim.pace import ARC, MAX_WAIT, Pace
 
 STEP_US = 10_000
 COMPUTED = 5e-4  # s of the wall clock that a step takes by itself
@@ -67,4 +67,4 @@ def test_a_new_standstill_is_timed_from_its_own_beginning(run):
 
 
 def test_a_job_that_computes_for_very_long_waits_for_something(run):
-    assert run.steps(MOST + 20.0) < MOST + 20.0 / 10
+    assert run.steps(MAX_WAIT + 20.0) < MAX_WAIT + 20.0 / 10

@@ -30,36 +30,32 @@ class ArcParams:
     wire_ratio: float = param(
         0.968, 'true wire speed over the reading of the measuring wheel', '', 0.5, 1.5
     )
-    wheel_coast: float = param(
-        0.1, 'time constant of the measuring wheel once no wire turns it', 's', 1e-3, 5.0
-    )
-    wire_quantum: float = param(5e-4, 'resolution of the wire speed reading', 'm/s', 1e-6, 0.01)
+    wheel_coast: float = 0.1  # time constant of the measuring wheel once no wire turns it [s]
+    wire_quantum: float = 5e-4  # resolution of the wire speed reading [m/s]
     strike_min: float = param(0.05, 'shortest ignition delay', 's', 0.0, 1.0)
     strike_max: float = param(0.15, 'longest ignition delay', 's', 0.0, 1.0)
     strike_failure: float = param(
         0.02, 'probability that a strike fails and is tried again', '', 0.0, 1.0
     )
-    strike_wire: float = param(
-        0.008, 'wire speed below which the arc neither strikes nor burns', 'm/s', 0.0, 0.1
-    )
-    open_voltage: float = param(65.0, 'voltage of the source without arc', 'V', 20.0, 120.0)
+    strike_wire: float = 0.008  # wire speed below which the arc neither strikes nor burns [m/s]
+    open_voltage: float = 65.0  # voltage of the source without arc [V]
     current_ref: float = param(138.0, 'current at 6.6 m/min and 15 mm', 'A', 20.0, 500.0)
-    wire_ref: float = param(0.110, 'wire speed of that current', 'm/s', 0.01, 0.5)
+    wire_ref: float = 0.110  # wire speed of that current [m/s]
     current_exponent: float = param(
         0.65, 'd ln(current) / d ln(wire speed) at the reference point', '', 0.3, 1.0
     )
     current_per_m: float = param(
         24.0, 'relative loss of current per metre of contact distance, there', '1/m', 0.0, 100.0
     )
-    current_lag: float = param(0.008, 'time constant of the current', 's', 1e-4, 1.0)
-    resistance: float = param(3e-3, 'of cables and contact tip', 'Ohm', 0.0, 0.1)
+    current_lag: float = 0.008  # time constant of the current [s]
+    resistance: float = 3e-3  # of cables and contact tip [Ohm]
     length_noise: float = param(0.45, 'sigma of the voltage by arc length', 'V', 0.0, 5.0)
-    length_time: float = param(0.05, 'correlation time of the arc length', 's', 1e-3, 1.0)
+    length_time: float = 0.05  # correlation time of the arc length [s]
     current_noise: float = param(7.0, 'fall of current per volt of arc length', 'A/V', 0.0, 100.0)
     sensor_noise: float = param(
         1.5, 'sigma of the current reading; the voltage has a tenth of it', 'A', 0.0, 20.0
     )
-    contact_max: float = param(0.030, 'contact distance at which the arc goes out', 'm', 0.016, 0.1)
+    contact_max: float = 0.030  # contact distance at which the arc goes out [m]
     contact_min: float = param(
         0.0, 'contact distance at which the wire freezes to the tip; 0 = never', 'm', 0.0, 0.014
     )
@@ -70,21 +66,18 @@ class ArcParams:
         0.0,
         5e-3,
     )
-    tip_wander_time: float = param(4.0, 'correlation time of it', 's', 0.05, 1e3)
-    tip_wear: float = param(
-        0.0, 'by which that place goes up the tip per metre of wire', 'm/m', 0.0, 1e-3
-    )
+    tip_wander_time: float = 4.0  # correlation time of it [s]
     feed_wander: float = param(
         0.0, 'sigma of the wire behind the measuring wheel: diameter, slip, spool', '', 0.0, 0.2
     )
-    feed_wander_time: float = param(6.0, 'correlation time of it', 's', 0.05, 1e3)
+    feed_wander_time: float = 6.0  # correlation time of it [s]
     drift_current: float = param(0.0, 'sigma of the slow drift of the current', 'A', 0.0, 50.0)
     drift_voltage: float = param(0.0, 'sigma of the slow drift of the voltage', 'V', 0.0, 5.0)
     drift_correlation: float = param(-0.4, 'correlation of both drifts', '', -1.0, 1.0)
     drift_time: float = param(
         3.0, 'time with arc in which their autocorrelation falls to 1/e', 's', 0.2, 1e3
     )
-    gas_delay: float = param(0.03, 'time from gas valve to flow switch', 's', 0.0, 1.0)
+    gas_delay: float = 0.03  # time from gas valve to flow switch [s]
 
 
 DELAY_LINE = 256
@@ -94,7 +87,7 @@ WANDERS, DRIFTS = np.uint64(0x5BD1E995A53C9E37), np.uint64(0xC2B2AE3D27D4EB4F)
 
 _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
-    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'fed', 'burnt',
+    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'burnt',
 )  # fmt: skip
 READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD = (
     _STATE.index(n)
@@ -174,7 +167,6 @@ def wander(value, time, rng, dt):
 @jit
 def _change(p, s, rng, dt):
     """What changes slowly: the place of contact in the tip, the wire. Nothing is drawn where nothing wanders."""
-    s.fed += s.wire * dt
     if p.tip_wander > 0.0:
         s.tip = wander(s.tip, p.tip_wander_time, rng, dt)
     if p.feed_wander > 0.0:
@@ -235,7 +227,7 @@ def advance_arc(p, s, rng, on, gas, blocked, voltage_set, ctwd, dt):
         if s.starving > 0.1 or not burns_at(p, ctwd):
             s.lit, s.strike = 0.0, -1.0
     _change(p, s, rng[1:], dt)
-    length = ctwd + p.tip_wander * s.tip + p.tip_wear * s.fed
+    length = ctwd + p.tip_wander * s.tip
     _electric(p, s, rng, on, voltage_set, length, dt)
 
 

@@ -1,4 +1,5 @@
-"""Parameters of the node `cell`: those of every core under a prefix (`metal_levelling`) and a few of its own."""
+"""Parameters of the node `cell`: those of every core under a prefix (`metal_levelling`) and a few of its own. What a
+core has as a plain number (without `param`) is a constant of the cell that nobody has ever set."""
 
 from __future__ import annotations
 
@@ -66,6 +67,7 @@ def _flat() -> type:
         fields += [
             (f'{group}_{f.name}', f.type, dataclasses.field(default=f.default, metadata=f.metadata))
             for f in dataclasses.fields(cls)
+            if f.metadata
         ]
     return dataclasses.make_dataclass('CellParams', fields, frozen=True)
 
@@ -79,7 +81,11 @@ def plant_params(params: Any) -> PlantParams:
         raise ValueError("parameters 'work_zero' and 'plate' need three numbers each (m)")
     groups = {
         group: cls(
-            **{f.name: getattr(params, f'{group}_{f.name}') for f in dataclasses.fields(cls)}
+            **{
+                f.name: getattr(params, f'{group}_{f.name}')
+                for f in dataclasses.fields(cls)
+                if f.metadata
+            }
         )
         for group, cls in GROUPS.items()
     }

@@ -28,33 +28,22 @@ class DistanceParams:
     """Distance sensor at the torch."""
 
     kind: str = param('laser', 'what is fitted to the torch', choices=('none', 'laser', 'infrared'))
-    height: float = param(0.1, 'reading where the contact distance is 15 mm', 'm', 0.02, 0.5)
-    lead: float = param(0.008, 'from the wire to the spot, along the path', 'm', 0.0, 0.05)
-    spot: float = param(1.0e-3, 'radius of the spot', 'm', 1e-4, 1e-2)
-    edge: float = param(
-        3.0e-3,
-        'difference of height within the spot from which on there is no reading',
-        'm',
-        1e-4,
-        0.1,
-    )
-    cycle: float = param(0.002, 'between two readings of the laser', 's', 1e-3, 0.1)
-    noise: float = param(1.0e-5, 'sigma of a reading of the laser', 'm', 0.0, 1e-2)
-    resolution: float = param(1.0e-5, 'of the laser', 'm', 1e-6, 1e-3)
-    span: float = param(0.025, 'of the laser to either side of `height`', 'm', 1e-3, 0.2)
-    infrared_cycle: float = param(
-        0.0165, 'between two readings of the infrared sensor', 's', 1e-3, 0.1
-    )
-    infrared_noise: float = param(2.0, 'sigma of its converter in counts', '', 0.0, 50.0)
-    infrared_near: float = param(0.035, 'its nearest distance', 'm', 0.01, 0.2)
-    infrared_far: float = param(0.4, 'its farthest distance', 'm', 0.05, 1.0)
+    height: float = 0.1  # reading where the contact distance is 15 mm [m]
+    lead: float = 0.008  # from the wire to the spot, along the path [m]
+    spot: float = 1.0e-3  # radius of the spot [m]
+    # difference of height within the spot from which on there is no reading [m]
+    edge: float = 3.0e-3
+    cycle: float = 0.002  # between two readings of the laser [s]
+    noise: float = 1.0e-5  # sigma of a reading of the laser [m]
+    resolution: float = 1.0e-5  # of the laser [m]
+    span: float = 0.025  # of the laser to either side of `height` [m]
+    infrared_cycle: float = 0.0165  # between two readings of the infrared sensor [s]
+    infrared_noise: float = 2.0  # sigma of its converter in counts
+    infrared_near: float = 0.035  # its nearest distance [m]
+    infrared_far: float = 0.4  # its farthest distance [m]
     dropout: float = param(0.01, 'share of readings without echo', '', 0.0, 1.0)
-    glare: float = param(
-        0.9, 'share that the arc takes away where the spot is under it', '', 0.0, 1.0
-    )
-    glare_reach: float = param(
-        0.006, 'distance from the arc at which that has fallen to a third', 'm', 1e-3, 0.1
-    )
+    glare: float = 0.9  # share that the arc takes away where the spot is under it
+    glare_reach: float = 0.006  # distance from the arc at which that has fallen to a third [m]
 
 
 @dataclass

@@ -41,16 +41,16 @@ class GantryParams:
     y_hz: float = param(33.0, 'first mode of Y without damping', 'Hz', 3.0, 200.0)
     y_damping: float = param(0.06, 'damping ratio of it', '', 0.001, 0.5)
     y_second_hz: float = param(83.0, 'second mode of Y', 'Hz', 3.0, 300.0)
-    second_damping: float = param(0.04, 'damping ratio of the second modes', '', 0.001, 0.5)
-    second_share: float = param(0.1, 'of the second modes; the first have the rest', '', 0.0, 0.5)
-    coupling: float = param(0.05, 'tangent by which a mode leans to the other axis', '', 0.0, 0.5)
+    second_damping: float = 0.04  # damping ratio of the second modes
+    second_share: float = 0.1  # of the second modes; the first have the rest
+    coupling: float = 0.05  # tangent by which a mode leans to the other axis
     hz_per_m: float = param(
         -0.2, 'relative change of the frequencies along their axis', '1/m', -2.0, 2.0
     )
-    table_mass: float = param(60.0, 'what swings without a part', 'kg', 1.0, 1e4)
-    sensor_noise: float = param(0.04, 'sigma of a sample of the accelerometer', 'm/s^2', 0.0, 10.0)
-    sensor_range: float = param(156.9, 'it clips beyond', 'm/s^2', 1.0, 1e4)
-    sensor_resolution: float = param(0.0383, 'of a sample', 'm/s^2', 1e-6, 1.0)
+    table_mass: float = 60.0  # what swings without a part [kg]
+    sensor_noise: float = 0.04  # sigma of a sample of the accelerometer [m/s^2]
+    sensor_range: float = 156.9  # it clips beyond [m/s^2]
+    sensor_resolution: float = 0.0383  # of a sample [m/s^2]
 
 
 @dataclass(frozen=True)

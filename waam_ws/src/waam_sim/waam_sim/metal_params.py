@@ -19,7 +19,7 @@ class MetalParams:
         choices=tuple(MODELS),
     )
     cell: float = param(4e-4, 'edge of a cell of the height field', 'm', 1e-4, 2e-3)
-    margin: float = param(0.015, 'rim of bare table around the part', 'm', 0.0, 0.1)
+    margin: float = 0.015  # rim of bare table around the part [m]
     wire_diameter: float = param(1.185e-3, 'true diameter of the wire', 'm', 5e-4, 2.5e-3)
     transfer: float = param(
         0.91, 'share of the wire that becomes bead at 15 mm and 150 degrees', '', 0.1, 1.0
@@ -27,49 +27,31 @@ class MetalParams:
     spatter_per_m: float = param(
         7.0, 'loss of transfer per metre of contact distance beyond 15 mm', '1/m', 0.0, 50.0
     )
-    hot_loss_per_k: float = param(
-        1.5e-4, 'loss of transfer per kelvin above 150 degrees', '1/K', 0.0, 2e-3
-    )
+    hot_loss_per_k: float = 1.5e-4  # loss of transfer per kelvin above 150 degrees [1/K]
     no_gas_loss: float = param(0.15, 'loss of transfer without shielding gas', '', 0.0, 1.0)
     width_ref: float = param(
         7.0e-3, 'width of a single bead at the reference point', 'm', 2e-3, 2e-2
     )
-    power_ref: float = param(2500.0, 'electrical power at the reference point', 'W', 100.0, 2e4)
-    speed_ref: float = param(0.010, 'travel speed at the reference point', 'm/s', 1e-3, 0.1)
-    power_exponent: float = param(0.35, 'd ln(width) / d ln(power)', '', 0.0, 1.5)
-    speed_exponent: float = param(0.65, '-d ln(width) / d ln(travel speed)', '', 0.0, 1.5)
-    hot_width_per_k: float = param(
-        4e-4, 'gain of width per kelvin above 150 degrees', '1/K', 0.0, 5e-3
-    )
+    power_ref: float = 2500.0  # electrical power at the reference point [W]
+    speed_ref: float = 0.010  # travel speed at the reference point [m/s]
+    power_exponent: float = 0.35  # d ln(width) / d ln(power)
+    speed_exponent: float = 0.65  # -d ln(width) / d ln(travel speed)
+    hot_width_per_k: float = 4e-4  # gain of width per kelvin above 150 degrees [1/K]
     levelling: float = param(
         0.55, 'share of the relief below it that the melt evens out', '', 0.0, 1.0
     )
-    hot_levelling_per_k: float = param(
-        6e-4, 'gain of levelling per kelvin above 150 degrees', '1/K', 0.0, 5e-3
-    )
+    hot_levelling_per_k: float = 6e-4  # gain of levelling per kelvin above 150 degrees [1/K]
     overhang_share: float = param(
         0.45, 'share of its metal that a cell without support takes', '', 0.0, 1.0
     )
     slump_slope: float = param(4.0, 'steepest slope of fresh melt at 150 degrees', '', 0.6, 20.0)
-    hot_slump_per_k: float = param(
-        6e-3, 'loss of that slope per kelvin above 150 degrees', '1/K', 0.0, 0.02
-    )
-    slump_rate: float = param(
-        0.05, 'share of a cell that runs down per portion of melt', '', 0.0, 0.2
-    )
-    pool_lag: float = param(
-        0.45, 'distance of the pool behind the arc, in bead widths', '', 0.05, 2.0
-    )
-    pool_lag_time: float = param(
-        1.0, 'time in which a pool at rest flows under the arc', 's', 0.05, 10.0
-    )
-    start_narrowing: float = param(
-        0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
-    )
-    start_length: float = param(
-        6e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
-    )
-    crater_depth: float = param(0.35, 'depth of the end crater in bead heights', '', 0.0, 1.0)
+    hot_slump_per_k: float = 6e-3  # loss of that slope per kelvin above 150 degrees [1/K]
+    slump_rate: float = 0.05  # share of a cell that runs down per portion of melt
+    pool_lag: float = 0.45  # distance of the pool behind the arc, in bead widths
+    pool_lag_time: float = 1.0  # time in which a pool at rest flows under the arc [s]
+    start_narrowing: float = 0.15  # share of width that is missing at an arc start
+    start_length: float = 6e-3  # path on which the width comes up after a start [m]
+    crater_depth: float = 0.35  # depth of the end crater in bead heights
     area_noise_fixed: float = param(
         0.03, 'sigma of bead area that returns in every layer', '', 0.0, 0.3
     )
@@ -83,39 +65,21 @@ class MetalParams:
     noise_length: float = param(
         9e-3, 'correlation length of the noise in the plane', 'm', 1e-3, 0.1
     )
-    noise_height: float = param(2e-3, 'correlation length of the noise along z', 'm', 2e-4, 0.1)
-    portion_path: float = param(2e-4, 'path between two portions of melt', 'm', 2e-5, 2e-3)
-    portion_time: float = param(0.02, 'time between two portions of melt at most', 's', 1e-3, 0.2)
+    noise_height: float = 2e-3  # correlation length of the noise along z [m]
+    portion_path: float = 2e-4  # path between two portions of melt [m]
+    portion_time: float = 0.02  # time between two portions of melt at most [s]
     # of model sections alone
-    sections_pool_length: float = param(
-        0.2, 'path on which a section takes what is molten, in bead widths', '', 0.02, 2.0
-    )
-    sections_narrowing: float = param(
-        0.25, 'share of width that is missing at an arc start', '', 0.0, 0.6
-    )
-    sections_narrow_path: float = param(
-        4e-3, 'path on which the width comes up after a start', 'm', 1e-4, 0.05
-    )
-    sections_sag: float = param(
-        0.7, 'by which a section may begin below the ground under it, in bead heights', '', 0.1, 3.0
-    )
-    sections_fillet: float = param(
-        1.0, 'share of a valley beside another bead that fills to the tangent', '', 0.0, 1.0
-    )
+    # path on which a section takes what is molten, in bead widths
+    sections_pool_length: float = 0.2
+    sections_narrowing: float = 0.25  # share of width that is missing at an arc start
+    sections_narrow_path: float = 4e-3  # path on which the width comes up after a start [m]
+    # by which a section may begin below the ground under it, in bead heights
+    sections_sag: float = 0.7
+    sections_fillet: float = 1.0  # share of a valley beside another bead that fills to the tangent
     # of model film alone
-    film_mobility: float = param(
-        6e-6, 'D of a film as thick as the bead at 150 degrees', 'm^2/s', 0.0, 1e-4
-    )
-    film_bump: float = param(
-        0.55, 'radius of what is poured, in halves of the bead width', '', 0.2, 1.0
-    )
-    film_trail: float = param(
-        0.3, 'distance of the pour behind the arc, in bead widths', '', 0.02, 2.0
-    )
+    film_mobility: float = 6e-6  # D of a film as thick as the bead at 150 degrees [m^2/s]
+    film_bump: float = 0.55  # radius of what is poured, in halves of the bead width
+    film_trail: float = 0.3  # distance of the pour behind the arc, in bead widths
     film_remelt: float = param(2e-4, 'depth of ground that melts again', 'm', 0.0, 2e-3)
-    film_pressure: float = param(
-        0.3, 'by which the arc presses the film down, in bead heights', '', 0.0, 1.0
-    )
-    film_hot_start: float = param(
-        0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
-    )
+    film_pressure: float = 0.3  # by which the arc presses the film down, in bead heights
+    film_hot_start: float = 0.15  # share of width that is missing at an arc start

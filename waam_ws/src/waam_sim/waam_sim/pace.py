@@ -10,7 +10,7 @@ import numpy as np
 
 ARC = 1  # bit of the controller's outputs
 STILL = 1e-8  # m in a step
-MOST = 10.0  # s of the wall clock: a job that computes for longer waits for something
+MAX_WAIT = 10.0  # s of the wall clock: a job that computes for longer waits for something
 
 
 class Pace:
@@ -29,7 +29,7 @@ class Pace:
             self._began = now, time_us
         began, began_us = self._began
         passed = now - began
-        return max(1e-6 * (time_us - began_us) - passed, 0.0) if passed < MOST else 0.0
+        return max(1e-6 * (time_us - began_us) - passed, 0.0) if passed < MAX_WAIT else 0.0
 
 
 def _works(first: np.void, last: np.void) -> bool:

@@ -32,14 +32,10 @@ class PlacementParams:
     warp_energy: float = param(
         1.2e5, 'electrical heat at a place that brings it two thirds of the way', 'J', 1e3, 1e8
     )
-    warp_spread: float = param(
-        0.3, 'sigma of the logarithm of that heat between parts', '', 0.0, 1.0
-    )
-    warp_reach: float = param(
-        0.03, 'distance from the arc at which its lift has fallen to 60 %', 'm', 5e-3, 0.5
-    )
-    warp_kept: float = param(0.4, 'share of the rise that stays in the cold part', '', 0.0, 1.0)
-    warp_cooling: float = param(90.0, 'time in which the rest goes back', 's', 1.0, 1e4)
+    warp_spread: float = 0.3  # sigma of the logarithm of that heat between parts
+    warp_reach: float = 0.03  # distance from the arc at which its lift has fallen to 60 % [m]
+    warp_kept: float = 0.4  # share of the rise that stays in the cold part
+    warp_cooling: float = 90.0  # time in which the rest goes back [s]
     moved_z: float = param(0.0, 'the part lies higher than in the first scan', 'm', -0.02, 0.02)
     moved_tilt_x: float = param(0.0, 'and rises along x about its middle', 'm/m', -0.2, 0.2)
     moved_tilt_y: float = param(0.0, 'and along y', 'm/m', -0.2, 0.2)

@@ -29,15 +29,15 @@ class PyrometerParams:
         'of the measuring spot, work frame; NaN = centre of the part, follows pyrometer_aim',
         'm',
     )
-    rate: float = param(10.0, 'readings per second', '1/s', 0.1, 100.0)
-    lag: float = param(0.25, 'time constant', 's', 0.0, 10.0)
-    noise: float = param(0.8, 'sigma of a reading', 'K', 0.0, 50.0)
-    resolution: float = param(0.1, 'of a reading', 'K', 1e-3, 10.0)
+    rate: float = 10.0  # readings per second [1/s]
+    lag: float = 0.25  # time constant [s]
+    noise: float = 0.8  # sigma of a reading [K]
+    resolution: float = 0.1  # of a reading [K]
     emissivity: float = param(0.82, 'of the surface', '', 0.05, 1.0)
-    emissivity_set: float = param(0.85, 'that the instrument assumes', '', 0.05, 1.0)
-    wavelength: float = param(10e-6, 'effective wavelength', 'm', 5e-7, 2e-5)
-    range_low: float = param(0.0, 'lowest reading', 'degC', -50.0, 1000.0)
-    range_high: float = param(1000.0, 'highest reading', 'degC', 0.0, 3000.0)
+    emissivity_set: float = 0.85  # that the instrument assumes
+    wavelength: float = 10e-6  # effective wavelength [m]
+    range_low: float = 0.0  # lowest reading [degC]
+    range_high: float = 1000.0  # highest reading [degC]
 
 
 def apparent(true_c: float, p: PyrometerParams) -> float:

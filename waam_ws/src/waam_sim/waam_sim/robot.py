@@ -29,12 +29,12 @@ SCANNER = np.array([0.060, 0.0, 0.120])  # m from the torch, as of ScannerParams
 class RobotParams:
     """How exact the robot is; every machine draws its own errors with these standard deviations."""
 
-    servo_lag: float = param(0.02, 'time constant of the servos', 's', 1e-3, 0.5)
-    latency: float = param(0.015, 'until the trajectory controller has a goal', 's', 0.0, 0.5)
-    joint_offset: float = param(3.5e-4, 'of every axis (0.02 deg)', 'rad', 0.0, 0.05)
-    gear_wave: float = param(9e-5, 'of the gear of every axis (0.005 deg)', 'rad', 0.0, 0.05)
-    axis_offset: float = param(5e-5, "of the positioner's turn axis", 'm', 0.0, 0.01)
-    link_length: float = param(1e-4, 'of every length of the arm', 'm', 0.0, 0.01)
+    servo_lag: float = 0.02  # time constant of the servos [s]
+    latency: float = 0.015  # until the trajectory controller has a goal [s]
+    joint_offset: float = 3.5e-4  # of every axis (0.02 deg) [rad]
+    gear_wave: float = 9e-5  # of the gear of every axis (0.005 deg) [rad]
+    axis_offset: float = 5e-5  # of the positioner's turn axis [m]
+    link_length: float = 1e-4  # of every length of the arm [m]
     backlash: float = param(3e-5, 'of the gear of every axis, whole width', 'rad', 0.0, 0.01)
     scan_error: float = param(
         0.0,
@@ -67,11 +67,8 @@ class RobotParams:
         'machine zero on the faceplate, with `robot_urdf` in the frame of `part`, as `origin` of the bridge',
         'm',
     )
-    work_high: tuple = param(
-        (0.4, 0.3, 0.2),
-        "upper corner of the torch's box, whose lower one is machine zero, as `work_high` of the bridge",
-        'm',
-    )
+    # upper corner of the torch's box, whose lower one is machine zero, as `work_high` of the bridge [m]
+    work_high: tuple = (0.4, 0.3, 0.2)
 
 
 @dataclass(frozen=True)

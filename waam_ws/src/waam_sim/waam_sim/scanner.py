@@ -32,14 +32,14 @@ NODES = 64  # of the error that scans share, along x and y; it repeats beyond
 class ScannerParams:
     """Line scanner."""
 
-    offset_x: float = param(0.060, 'of the scanner from the wire tip along x', 'm', -0.5, 0.5)
-    offset_z: float = param(0.120, 'of the scanner above the wire tip', 'm', 0.0, 0.5)
-    fan: float = param(0.050, 'width of a profile', 'm', 1e-3, 0.5)
-    points: int = param(640, 'points of a profile', '', 2, 8192)
+    offset_x: float = 0.060  # of the scanner from the wire tip along x [m]
+    offset_z: float = 0.120  # of the scanner above the wire tip [m]
+    fan: float = 0.050  # width of a profile [m]
+    points: int = 640  # points of a profile
     rate: float = param(100.0, 'profiles per second', '1/s', 1.0, 1000.0)
-    batch: int = param(10, 'profiles of a message', '', 1, 1000)
-    range_near: float = param(-0.085, 'nearest measurable z_s', 'm', -1.0, 0.0)
-    range_far: float = param(-0.165, 'farthest measurable z_s', 'm', -1.0, 0.0)
+    batch: int = 10  # profiles of a message
+    range_near: float = -0.085  # nearest measurable z_s [m]
+    range_far: float = -0.165  # farthest measurable z_s [m]
     noise: float = param(3e-5, 'sigma of z on a flat surface', 'm', 0.0, 1e-2)
     noise_length: float = param(
         0.0,
@@ -48,13 +48,11 @@ class ScannerParams:
         0.0,
         2e-3,
     )
-    outliers: float = param(0.002, 'share of points that are wrong by millimetres', '', 0.0, 1.0)
-    outlier_size: float = param(1.5e-3, 'sigma of such an error', 'm', 0.0, 0.1)
+    outliers: float = 0.002  # share of points that are wrong by millimetres
+    outlier_size: float = 1.5e-3  # sigma of such an error [m]
     dropout: float = param(0.004, 'share of points lost on a flat surface', '', 0.0, 1.0)
-    steep_dropout: float = param(
-        0.35, 'share of points lost on slopes steeper than 1.5', '', 0.0, 1.0
-    )
-    triangulation: float = param(0.50, 'angle between light and camera', 'rad', 0.05, 1.3)
+    steep_dropout: float = 0.35  # share of points lost on slopes steeper than 1.5
+    triangulation: float = 0.50  # angle between light and camera [rad]
     shared_error: float = param(
         0.0,
         'sigma of an error in z that depends on where the torch is, and returns',
@@ -62,10 +60,8 @@ class ScannerParams:
         0.0,
         2e-3,
     )
-    shared_length: float = param(
-        0.04, 'distance at which its autocorrelation falls to 1/e', 'm', 2e-3, 1.0
-    )
-    shared_kept: float = param(0.97, 'its correlation from one scan to the next', '', 0.0, 1.0)
+    shared_length: float = 0.04  # distance at which its autocorrelation falls to 1/e [m]
+    shared_kept: float = 0.97  # its correlation from one scan to the next
 
 
 class Scanner:

@@ -17,7 +17,7 @@ import numpy as np
 from waam_robot.urdf_text import PART, TORCH, UrdfError, check_urdf
 
 ARM = 6  # joints that move the torch
-MOST = ARM + 2  # with a positioner
+MAX_JOINTS = ARM + 2  # with a positioner
 OVER = np.diag([1.0, -1.0, -1.0])  # the torch looks at the part
 TINY = 1e-6  # rad, for differences
 CLOSE = 1e-9  # m and rad
@@ -175,10 +175,10 @@ def branches(text: bytes | str) -> tuple[Branch, Branch]:
         )
     found = _branch(arm), _branch(table)
     count = len(found[0].joints)
-    if count != ARM or count + len(found[1].joints) > MOST:
+    if count != ARM or count + len(found[1].joints) > MAX_JOINTS:
         raise UrdfError(
             f"{count} revolute joints move the link '{TORCH}' and {len(found[1].joints)} the link '{PART}'; "
-            f'wanted are {ARM}, and at most {MOST - ARM}'
+            f'wanted are {ARM}, and at most {MAX_JOINTS - ARM}'
         )
     return found
 

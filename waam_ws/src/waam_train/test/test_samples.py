@@ -15,7 +15,9 @@ def test_a_sample_is_what_the_base_law_would_have_left():
     zero = np.zeros(grid_of(r).shape)
     forecast = Forecast(zero + 0.05, zero, zero, 0.02, 'abc')
     plain = samples.sample(r, r, laid(r, np.full(grid_of(r).shape, 0.1)), 1)
-    with_it = samples.sample(r, r.told(forecast), laid(r, np.full(grid_of(r).shape, 0.03)), 1)
+    with_it = samples.sample(
+        r, r.with_prediction(forecast), laid(r, np.full(grid_of(r).shape, 0.03)), 1
+    )
     known = plain.weight > 0.9
     assert plain.y[known] == pytest.approx(0.1, abs=1e-6)
     assert with_it.y[known] == pytest.approx(0.1, abs=1e-6)

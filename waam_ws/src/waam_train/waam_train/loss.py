@@ -61,10 +61,10 @@ def batch(layers: Sequence[Layer]) -> Batch:
 
 
 def loss(net: UNet, data: Batch) -> torch.Tensor:
-    """See the head of this file; y counts up to features.FAR."""
+    """See the head of this file; y counts up to features.MAX_ERROR."""
     x, y, weight = data
     told, log_sigma = net(x)
-    whole = (y.clamp(-features.FAR, features.FAR) - told) * weight
+    whole = (y.clamp(-features.MAX_ERROR, features.MAX_ERROR) - told) * weight
     rest, n = centred(whole, weight), weight.sum((1, 2))
     smooth, level = smoothed(rest), whole.sum((1, 2)) / n
     square = ((smooth**2).sum((1, 2)) + FINE * (rest**2).sum((1, 2))) / n + LEVEL * level**2
@@ -98,7 +98,7 @@ def validate(net: UNet, held: Sequence[Layer], families: Sequence[str]) -> dict[
     for layer, family in zip(held, families, strict=True):
         x, y, weight = batch([layer])
         told, log_sigma = net(x)
-        y = y.clamp(-features.FAR, features.FAR) * weight
+        y = y.clamp(-features.MAX_ERROR, features.MAX_ERROR) * weight
         told, n = told * weight, float(weight.sum())
         a, b = (smoothed(centred(v, weight)) for v in (told, y))
         la, lb = float(told.sum()) / n, float(y.sum()) / n

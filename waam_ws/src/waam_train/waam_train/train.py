@@ -205,7 +205,7 @@ def linear(layers: Sequence[Sample]) -> np.ndarray:
     for s in layers:
         known = s.weight > 0
         w = s.weight[known].astype(float)
-        y = np.clip(s.y, -features.FAR, features.FAR)
+        y = np.clip(s.y, -features.MAX_ERROR, features.MAX_ERROR)
         y = gaussian_filter((y - np.average(y, weights=s.weight)) * s.weight, SMOOTH)
         both = np.concatenate([s.x[:, known], y[None, known]]).astype(float)
         both -= np.average(both, axis=1, weights=w)[:, None]

@@ -32,10 +32,10 @@ STATE = (
 )  # fmt: skip
 NAMES = (*plan_geometry.NAMES, *STATE)
 CHANNELS = len(NAMES)
-FAR = 0.8  # layer heights: error that counts at most
+MAX_ERROR = 0.8  # layer heights: error that counts at most
 COUNTED = 0.3  # share of a cell away from the edge from which on it counts
 MANY_LAYERS = 6  # that say as much as more of them
-REACH = 3.0  # sigmas that a mean over the neighbourhood reaches
+TRUNCATE_SIGMAS = 3.0  # sigmas that a mean over the neighbourhood reaches
 
 
 def middle(request: CorrectionInput) -> float:
@@ -63,7 +63,7 @@ def build(request: CorrectionInput, grid: Resampler, weight: np.ndarray) -> np.n
     inside = weight * (plan[0] > 0)
     height, deviation = middle(request), request.learned or BeadDeviation(np.zeros(grid.shape))
     error, seen = known_mean(request.error * deviation.scale / height, grid)
-    error = np.where(seen & (inside > 0), np.clip(error, -FAR, FAR), 0.0)
+    error = np.where(seen & (inside > 0), np.clip(error, -MAX_ERROR, MAX_ERROR), 0.0)
     sigma = np.full(request.z.shape, 1e-4) if request.sigma is None else request.sigma
     sigma, told = known_mean(sigma / height, grid)
     x = np.empty((CHANNELS, *grid.shape), np.float32)
@@ -130,7 +130,7 @@ def _shape(error: np.ndarray, known: np.ndarray, along: np.ndarray) -> list[np.n
 
 def _smooth(values: np.ndarray, known: np.ndarray, sigma: float) -> np.ndarray:
     """Weighted mean (rows, cols) over what is known."""
-    total = gaussian_filter(np.where(known, values, 0.0), sigma, truncate=REACH)
+    total = gaussian_filter(np.where(known, values, 0.0), sigma, truncate=TRUNCATE_SIGMAS)
     found: np.ndarray = total / _spread(known.tobytes(), known.shape, sigma)
     return found
 
@@ -139,4 +139,4 @@ def _smooth(values: np.ndarray, known: np.ndarray, sigma: float) -> np.ndarray:
 def _spread(known: bytes, shape: tuple[int, int], sigma: float) -> np.ndarray:
     """What is known is the same in layer after layer."""
     share = np.frombuffer(known, bool).reshape(shape).astype(float)
-    return np.maximum(gaussian_filter(share, sigma, truncate=REACH), 1e-3)
+    return np.maximum(gaussian_filter(share, sigma, truncate=TRUNCATE_SIGMAS), 1e-3)

@@ -19,8 +19,6 @@ from waam_process.materials import Material
 from waam_process.segment import Clamp, Kind
 from waam_process.units import to_m_min
 
-from . import lead
-
 SATURATED = 1.0 - 1e-6
 WEIGHTS = np.array([0.25, 0.5, 0.25])  # start, middle, end of a segment
 
@@ -140,21 +138,18 @@ class Setpoints:
     k_gain: float
     heat_factor: float
     flow_factor: float
-    lead_factor: np.ndarray
     clamps: np.ndarray
 
     def explain(self, i: int) -> str:
         """Where the wire feed of segment i comes from, as a product that can be checked by hand."""
         base = self.wire_feed_base[i]
-        rest = self.wire_feed_speed[i] / (
-            base * self.heat_factor * self.flow_factor * self.lead_factor[i]
-        )
+        rest = self.wire_feed_speed[i] / (base * self.heat_factor * self.flow_factor)
         bits = [(b.name or '').lower() for b in Clamp if b and int(self.clamps[i]) & int(b)]
         return (
             f'feed {to_m_min(self.wire_feed_speed[i]):.3f} m/min = {to_m_min(base):.3f} (eq 2.17 from plan) '
             f'x {rest:.4f} (height and speed: psi {self.psi[i]:+.3f}, k_gain {self.k_gain:.2f}, '
             f'residual {self.residual_height[i] * 1e3:+.3f} mm) x {self.heat_factor:.4f} (heat) '
-            f'x {self.flow_factor:.4f} (flow) x {self.lead_factor[i]:.4f} (lead); '
+            f'x {self.flow_factor:.4f} (flow); '
             f'speed {self.speed[i] * 1e3:.2f} mm/s; limited: {", ".join(bits) or "nothing"}'
         )
 
@@ -190,14 +185,12 @@ def compute(
     correction: Field | None = None,
     apply: bool = True,
     heat_factor: float = 1.0,
-    drives: lead.Drives = lead.Drives(),
 ) -> Setpoints:
     """Setpoints of all segments; those that deposit nothing keep theirs (see `Setpoints.deposit`).
 
     Without `apply` (open loop, monitor) psi and residual are recorded but speed stays programmed
     and flow_factor 1. When the feed meets a limit, an applied correction lets the speed make up for
-    the metal inside its own limits. drives: lag of the wire and acceleration, compensated by the lead
-    factor of the feed (`lead`); by default the controller does it.
+    the metal inside its own limits. The lag of the wire is the controller's business.
     """
     if not 0.1 <= heat_factor <= 1.0:
         raise SetpointError(f'heat_factor is {heat_factor}, must be 0.1 .. 1')
@@ -215,9 +208,6 @@ def compute(
     wanted = np.maximum(1 / factor + (residual / height if apply else 0.0), 0.0)
     metal = base * wanted * heat_factor * flow
     speed, feed, clamps = _speed_and_feed(path.speed, factor, metal, limits, make_up=apply)
-    ahead = lead.factor(path.start, path.end, deposit, speed, feed, drives)
-    feed, more = _clamp(feed * ahead, limits.feed, Clamp.FEED_LOW, Clamp.FEED_HIGH)
-    clamps |= more
     planned_voltage = none + voltage
     if apply and correction is not None and correction.width_ratio > 0:
         planned_voltage[deposit] = width_voltage(
@@ -236,7 +226,6 @@ def compute(
         k_gain=k_gain,
         heat_factor=heat_factor,
         flow_factor=flow,
-        lead_factor=ahead,
         clamps=clamps,
     )
 

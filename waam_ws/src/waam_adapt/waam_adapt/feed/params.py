@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from waam_node.params import param
 from waam_process.units import m_min
-
-from .lead import Drives
 
 
 @dataclass(frozen=True)
@@ -22,18 +19,3 @@ class FeedParams:
     speed_max: float = param(20e-3, 'fastest travel of the machine while depositing', 'm/s', 1e-3)
     feed_min: float = param(m_min(2.0), 'slowest wire feed of the source', 'm/s', 0.0)
     feed_max: float = param(m_min(12.0), 'fastest wire feed of the source', 'm/s', 1e-3)
-    wire_lag: float = param(
-        0.0,
-        'time constant of the wire drive that the feed leads; 0 = the controller does',
-        's',
-        0.0,
-        1.0,
-    )
-    acceleration: float = param(
-        0.0, 'of travel: less wire where corners take time; 0 = not compensated', 'm/s2', 0.0
-    )
-
-    @property
-    def drives(self) -> Drives:
-        """Of the machine, as the lead needs them."""
-        return Drives(self.wire_lag, self.acceleration or math.inf)

@@ -17,11 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import filters
+from ..beads.bead_bias import MIN_CELLS, SEEN
+from ..beads.model import BeadModel
+from ..grids import CELLS_PER_BEAD, Resampler
 
 MIN_BLOCKS = 4
+LEVEL_MARGIN = 1 / 6  # bead widths from the edge of a layer, of the mean that says its level
+MAX_ODD = 0.1  # layer heights that a cell may lie off the median ratio in that mean
 # standard deviation of ln(command) below which a layer says nothing of the slope
 EXCITATION = 0.015
-LEAST_WEIGHT = 0.1  # least weight of the newest layer in what a place usually gets
+MIN_NEWEST_WEIGHT = 0.1  # least weight of the newest layer in what a place usually gets
 MIN_GROWTH = 0.2e-3  # m; thinner layers say nothing about the ratio
 # Of the ratio, where the whole layer lies within a bead of its edge: how much of the metal beside the edge flows back
 # onto the layer is not known.
@@ -156,14 +161,14 @@ class BlockAverages:
 
     @classmethod
     def after(cls, before: BlockAverages | None, new: LayerEvidence) -> BlockAverages:
-        """With one more layer, of which every block counts at least `LEAST_WEIGHT`; unknown blocks keep theirs."""
+        """With one more layer, of which every block counts at least `MIN_NEWEST_WEIGHT`; unknown blocks keep theirs."""
         g, c = _log(new.block_growth), _log(new.block_commanded)
         known = np.isfinite(g) & np.isfinite(c)
         if before is None or before.growth.shape != g.shape:
             zero = np.zeros(g.shape)
             before = cls(zero, zero, zero)
         layers = before.layers + known
-        weight = np.where(known, np.maximum(1 / np.maximum(layers, 1), LEAST_WEIGHT), 0.0)
+        weight = np.where(known, np.maximum(1 / np.maximum(layers, 1), MIN_NEWEST_WEIGHT), 0.0)
         growth = before.growth + weight * np.where(known, g - before.growth, 0.0)
         commanded = before.commanded + weight * np.where(known, c - before.commanded, 0.0)
         return cls(growth, commanded, layers)
@@ -172,3 +177,43 @@ class BlockAverages:
 def _log(values: np.ndarray) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
         return np.log(np.where(values > MIN_GROWTH, values, np.nan))
+
+
+def level(
+    model: BeadModel,
+    growth: np.ndarray,
+    plan: np.ndarray,
+    commanded: np.ndarray,
+    resolution: float,
+    slope: float,
+    lag: float,
+    missing: np.ndarray | float = 0.0,
+) -> float | None:
+    """The efficiency ratio that would have given a layer its height on average, up to `LEVEL_MARGIN` from its edge;
+    None when too little of it is known.
+
+    growth, plan, commanded (rows, cols): m, growth NaN where unseen; resolution: m; slope: of growth on metal; lag: m
+    of the metal along the travel; missing (model.shape): share of the planned height that the beads were known to lack.
+    """
+    footprint = np.nan_to_num(commanded) > MIN_GROWTH
+    rim = round(LEVEL_MARGIN * model.width / resolution)
+    inside = footprint & np.isfinite(growth) & (plan > MIN_GROWTH)
+    around = np.pad(footprint, rim)
+    for axis, step in ((0, rim), (0, -rim), (1, rim), (1, -rim)):
+        inside &= np.roll(around, step, axis)[rim : rim + len(inside), rim : rim + inside.shape[1]]
+    grid = Resampler.of(plan.shape, resolution, model.width / CELLS_PER_BEAD)
+    weight = grid.mean(inside.astype(float))
+    share = np.maximum(weight, SEEN)
+    grown, height = (grid.mean(np.where(inside, v, 0.0)) / share for v in (growth, plan))
+    relative = np.divide(commanded, plan, out=np.full(plan.shape, np.nan), where=plan > MIN_GROWTH)
+    asked = model.of_cells(relative, resolution) ** slope
+    expected = model.growth(asked, lag) * height
+    use = (weight > SEEN) & (expected > MIN_GROWTH)
+    if np.count_nonzero(use) < MIN_CELLS:
+        return None
+    weight, expected = weight[use], expected[use]
+    grown = (grown + missing * height)[use]
+    ratio = float(np.median(grown / expected))
+    odd = MAX_ODD * height[use]  # beyond it the scan is at fault
+    rest = np.clip(grown - ratio * expected, -odd, odd)
+    return ratio + float(weight @ rest) / float(weight @ expected)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from ..beads.features import known_mean
+from ..types import CorrectionInput, Forecast
+from .evidence import MIN_GROWTH
+from .layers import AskedLayer, SeenLayer, grid_of
 
 START_SIGMA = 0.25  # of the weight before any layer was seen
 LAYER_SCATTER = 0.25  # of the slope of a single layer about that of its job
@@ -54,3 +60,50 @@ class ForecastWeight:
         information = known + 1 / noise
         weight = (known * self.weight + slope / noise) / information
         return ForecastWeight(min(max(weight, 0.0), 1.0), information)
+
+
+@dataclass(frozen=True)
+class ForecastWeights:
+    """Of shape and level."""
+
+    shape: ForecastWeight = ForecastWeight(0.0)
+    level: ForecastWeight = ForecastWeight(0.0)
+
+
+class ForecastTrust:
+    """Weighs what the network forecasts of each layer by what came of the ones before. forecast: asks the network."""
+
+    def __init__(self, forecast: Callable[[CorrectionInput], Forecast]) -> None:
+        self.forecast = forecast
+        self.state = ForecastWeights()
+
+    def observe(self, seen: SeenLayer) -> None:
+        """Shape and level of the forecast against what the base law would have left of the layer."""
+        asked, layer = seen.asked, seen.layer
+        if asked is None or asked.forecast is None or asked.weighed is None:
+            return
+        told, weighed, planned = asked.forecast, asked.weighed, asked.request.planned
+        grid = grid_of(layer.before.shape, layer.resolution, layer.bead_width)
+        height = float(np.median(planned[np.nan_to_num(planned) > MIN_GROWTH]))
+        left, known = known_mean((layer.after - asked.wanted) / height, grid)
+        use = np.where(known, told.counted, 0.0)
+        if use.sum() <= 0:
+            return
+        mean = float((np.where(use > 0, left, 0.0) * use).sum() / use.sum())
+        self.state = ForecastWeights(
+            self.state.shape.after_shape(told.shape, left + weighed.shape, use),
+            self.state.level.after_level(
+                told.level, mean + weighed.level, seen.process.layer_noise
+            ),
+        )
+
+    def prepare(self, request: CorrectionInput, asked: AskedLayer) -> CorrectionInput:
+        """With the forecast, as far as this job believes it; nothing of a map that is not trusted."""
+        if not asked.trusted:
+            return request
+        told, shape = self.forecast(request), self.state.shape.weight
+        weighed = told.weighed(shape, self.state.level.weight)
+        if told.digest:
+            asked.process = replace(asked.process, network_weight=shape)
+            asked.forecast, asked.weighed = told, weighed
+        return request.with_prediction(forecast=weighed)

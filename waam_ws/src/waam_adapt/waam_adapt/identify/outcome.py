@@ -11,6 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from ..beads.features import middle
+from ..laws.checks import error_figures
+from ..types import CorrectionInput
+from .layers import AskedLayer, Outcome, SeenLayer
+
 Z90 = 1.645  # of a normal distribution: 90 % lie within
 FIRST_SIGMA = 0.35  # of the bias, before any layer
 DRIFT = 0.15  # of the bias from layer to layer
@@ -20,15 +25,6 @@ KEPT = 0.6  # share of the surface's error that a layer leaves where no network 
 ROUGHNESS = 0.07  # layer heights: RMS that a layer adds, the same
 MIN_RMS = 1e-6  # m
 MAX_INNOVATION = 1.5
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """m: expected RMS of the coming surface, and its 90 % interval."""
-
-    rms: float
-    low: float
-    high: float
 
 
 def basis(error_rms: float, height: float, network_rms: float = 0.0) -> float:
@@ -69,3 +65,29 @@ class OutcomeForecast:
             scatter=math.sqrt((count * self.scatter**2 + seen) / (count + 1)),
             layers=min(self.layers + 1, 6),
         )
+
+
+class OutcomeEstimator:
+    """Says what will be left after each layer, by what was left after those before. The last of the estimators."""
+
+    def __init__(self) -> None:
+        # with the newest layer that was told, and its basis, m
+        self.state: tuple[OutcomeForecast, int, float] = OutcomeForecast(), 0, 0.0
+
+    def observe(self, seen: SeenLayer) -> None:
+        """Nothing: the map before the next layer says it, also where too little of the growth is known."""
+
+    def prepare(self, request: CorrectionInput, asked: AskedLayer) -> CorrectionInput:
+        """The request as it is; what is expected goes into the memory of the layer."""
+        left = error_figures(asked.request)[0]
+        if not asked.trusted or not math.isfinite(left):
+            return request
+        forecast, number, of = self.state
+        if number == asked.number - 1:
+            forecast = forecast.after(of, left)
+        height = middle(request)
+        network = request.forecast.rms if request.forecast is not None else 0.0
+        of = basis(left, height, height * network)
+        self.state = forecast, asked.number, of
+        asked.outcome = forecast.expect(of)
+        return request

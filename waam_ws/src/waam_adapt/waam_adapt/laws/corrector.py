@@ -5,23 +5,21 @@ The node and the offline replay both answer through this class, so that a replay
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from waam_node.params import param
 from waam_process.learned import Learned
 
-from ..hold.width import SeenWidth, WidthEstimate, WidthIdentifier
+from ..identify.bead_width import SeenWidth, WidthEstimate, WidthIdentifier
 from ..identify.estimate import Estimate
 from ..identify.evidence import Layer
-from ..identify.experience import start_of, taught_by
-from ..identify.forecast_weight import ForecastWeight
+from ..identify.forecast_weight import ForecastWeight, ForecastWeights
 from ..identify.identification import Identifier, Start
-from ..identify.outcome import Outcome
+from ..identify.layers import Outcome
 from ..types import Correction, CorrectionInput, LastLayer
-from .checks import MapLimits, MapOrigin, error_figures, reasons_against, safe_correct
+from .checks import MapLimits, MapOrigin, reasons_against, safe_correct
 from .registry import BEAD_LAWS, GONE, LAWS, make_law
 from .unet_law import UNetLaw
 
@@ -47,19 +45,10 @@ class CorrectionParams:
     gain: float = param(
         0.9, 'share of the height error that one layer is asked to remove', '', 0.0, 1.2
     )
-    regularisation: float = param(
-        0.1, 'of the deconvolution of overlapping beads; larger = smoother', '', 1e-3, 10.0
-    )
     max_age: float = param(300.0, 'oldest map that is used, ROS time', 's', 1.0)
-    min_coverage: float = param(
-        0.5, 'share of the footprint that must be seen; the rest holds the level', '', 0.0, 1.0
-    )
-    max_sigma: float = param(0.3e-3, 'largest median uncertainty of a map', 'm', 0.0)
-    max_error: float = param(5e-3, 'largest believable median height error', 'm', 0.0)
     identify: bool = param(
         True, 'learn the efficiency ratio and give it as flow_factor, and what beads lack'
     )
-    forgetting: float = param(0.3, 'weight of older layers in the efficiency ratio', '', 0.1, 0.99)
     learning: float = param(
         0.3,
         'weight of the newest layer in what beads lack at the same place; 0 = off',
@@ -91,9 +80,10 @@ class Corrector:
 
     def __init__(self, params: CorrectionParams) -> None:
         p = self.params = params
-        self.law = make_law(p.law, p.gain, p.regularisation, p.model)
-        self.limits = MapLimits(p.max_age, p.min_coverage, p.max_sigma, p.max_error)
-        self.identifier = Identifier(p.forgetting, p.learning, watch_beads=p.law in BEAD_LAWS)
+        self.law = make_law(p.law, p.gain, model=p.model)
+        self.limits = MapLimits(p.max_age)
+        forecast = self.law.forecast if isinstance(self.law, UNetLaw) else None
+        self.identifier = Identifier(p.learning, p.law in BEAD_LAWS, forecast)
         self.widths = WidthIdentifier()
         self.prepared: CorrectionInput | None = None  # the newest request, as the law saw it
 
@@ -123,21 +113,12 @@ class Corrector:
                     request.bead_width,
                 )
             )
-        flow, expected = 1.0, request
+        flow, expected, outcome = 1.0, request, None
         if self.params.identify:
-            expected = self.identifier.prepare(request)
-            if isinstance(self.law, UNetLaw) and not reasons:
-                told = self.law.forecast(expected)
-                expected = expected.told(self.identifier.weigh(told))
+            expected = self.identifier.prepare(request, trusted=not reasons)
             flow = self.identifier.flow_factor(request)
+            outcome = self.identifier.memory[layer].outcome
         self.prepared = expected
-        outcome = None
-        if (
-            self.params.identify
-            and not reasons
-            and math.isfinite(error := error_figures(request)[0])
-        ):
-            outcome = self.identifier.outcome(error, expected)
         correction = safe_correct(self.law, expected, reasons)
         return Answer(
             correction,
@@ -150,22 +131,19 @@ class Corrector:
         )
 
     def prepare(self, request: CorrectionInput) -> None:
-        """Computes what the plan of a layer alone decides, before its surface is known; it is kept by the functions
-        that compute it, so that `answer` need not. Answers are the same without it."""
-        safe_correct(self.law, request, ())
+        """Computes the geometry of a layer's beads before its surface is known. `bead_model` and `plan_geometry` keep
+        it, so that `answer` need not; answers are the same without it."""
+        if request.paths and request.footprint.any():
+            self.law.prepare(request)
 
     def _start(self, learned: Learned | None) -> Start:
         """What a job begins with."""
-        shape, level = self.law.first_weight if isinstance(self.law, UNetLaw) else (0.0, 0.0)
-        return replace(
-            start_of(learned),
-            shape_weight=ForecastWeight(shape),
-            level_weight=ForecastWeight(level),
-        )
+        first = self.law.first_weight if isinstance(self.law, UNetLaw) else (0.0, 0.0)
+        return Start.of(learned, ForecastWeights(*map(ForecastWeight, first)))
 
     def _after(self, learned: Learned | None, origin: MapOrigin) -> Learned | None:
         """What was learned with what this job has shown so far."""
-        taught = taught_by(self.identifier) if self.params.identify else None
+        taught = self.identifier.taught() if self.params.identify else None
         if learned is None or taught is None:
             return learned
         return learned.after(taught, origin.expected_job_id)

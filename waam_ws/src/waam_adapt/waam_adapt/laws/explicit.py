@@ -32,6 +32,9 @@ class Zero:
         """psi 0 everywhere."""
         return nothing(request.z.shape, request.k_gain, self.name)
 
+    def prepare(self, request: CorrectionInput) -> None:
+        """Nothing: the plan alone decides nothing."""
+
 
 @dataclass(frozen=True)
 class DampedInverse:
@@ -50,6 +53,9 @@ class DampedInverse:
     edge_margin: float = 0.5
     reach: float = 0.5
     name: str = 'damped_inverse'
+
+    def prepare(self, request: CorrectionInput) -> None:
+        """Nothing that is worth it."""
 
     def correct(self, request: CorrectionInput) -> Correction:
         """See the class; a fallback without correction when no cell of the footprint is known."""

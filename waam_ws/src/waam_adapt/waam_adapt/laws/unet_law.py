@@ -66,9 +66,7 @@ class UNetLaw:
     def forecast(self, request: CorrectionInput) -> Forecast:
         """What the base law would leave of this layer; nothing, with the reason, where the network cannot say.
         request: as identification prepares it."""
-        grid = Resampler.of(
-            request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
-        )
+        grid = grid_of(request)
         zero = np.zeros(grid.shape)
         nothing = Forecast(zero, np.full(grid.shape, DOUBT), zero)
         if self.network is None or not request.paths or not request.footprint.any():
@@ -92,11 +90,17 @@ class UNetLaw:
         shape, level = parted(left, counted, bounds)
         return Forecast(shape, sigma, counted, level, self.network.digest)
 
+    def prepare(self, request: CorrectionInput) -> None:
+        """Also what the network sees of the plan."""
+        self.base.prepare(request)
+        if self.network is not None and not request.of_other_planner:
+            plan_geometry.build(request, grid_of(request))
+
     def correct(self, request: CorrectionInput) -> Correction:
         """The base law's answer with the forecast of the request (`Corrector` weighs it); where there is none because
         the network cannot say, the reason and fallback."""
         forecast = request.forecast or self.forecast(request).weighed(*self.first_weight)
-        result = self.base.correct(request.told(forecast))
+        result = self.base.correct(request.with_prediction(forecast))
         if result.fallback:
             return result
         if forecast.doubt:
@@ -104,9 +108,7 @@ class UNetLaw:
             return replace(result, fallback=True, reasons=(reason, *result.reasons))
         if not forecast.digest:
             return result
-        grid = Resampler.of(
-            request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD
-        )
+        grid = grid_of(request)
         sure = np.clip(grid.fine(1 / (1 + (forecast.sigma / DOUBT) ** 2)), 0.0, 1.0)
         return replace(
             result,
@@ -121,6 +123,11 @@ class UNetLaw:
             return ()
         text = f'{self.name}: weight of the network {forecast.weight:.2f}'
         return (f'{text}, level of this layer {forecast.level:+.1%}' if forecast.level else text,)
+
+
+def grid_of(request: CorrectionInput) -> Resampler:
+    """The network's."""
+    return Resampler.of(request.z.shape, request.resolution, request.bead_width / CELLS_PER_BEAD)
 
 
 def parted(

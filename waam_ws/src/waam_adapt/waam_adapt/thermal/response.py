@@ -16,7 +16,9 @@ import numpy as np
 from waam_process.heat import ArcPass, least_peak_rise
 from waam_process.materials import Material
 
-REACH = 12e-3  # m from the spot to the nearest bead at which it still counts as on the layer: two bead widths
+MAX_SPOT_DISTANCE = (
+    12e-3  # m from the spot to the nearest bead at which it counts as on the layer: two bead widths
+)
 SHARE = 0.5  # of the least rise that must be seen: lag, emissivity and the share of the arc's heat are known roughly
 NOISE = 5.0  # K; a rise that small cannot be told from noise
 BEFORE = 3.0  # s before the arc that say how warm the spot was
@@ -78,8 +80,8 @@ class ResponseWatch:
 
     @property
     def _delay(self) -> float:
-        """s that heat needs to spread over REACH: REACH^2/(4 a)."""
-        return REACH**2 / (4 * self.material.diffusivity)
+        """s that heat needs to spread over MAX_SPOT_DISTANCE: MAX_SPOT_DISTANCE^2/(4 a)."""
+        return MAX_SPOT_DISTANCE**2 / (4 * self.material.diffusivity)
 
     def _judge(self) -> None:
         laid = self._laid
@@ -87,7 +89,7 @@ class ResponseWatch:
         if laid is None or math.isnan(self._peak - self._before):
             return
         m = self.material
-        least = least_peak_rise(laid.arc, REACH, m.conductivity, m.diffusivity)
+        least = least_peak_rise(laid.arc, MAX_SPOT_DISTANCE, m.conductivity, m.diffusivity)
         rise = self._peak - self._before
         if SHARE * least < NOISE:
             return  # too little heat to tell
@@ -96,6 +98,7 @@ class ResponseWatch:
             return
         self._doubt = (
             f'layer {laid.number} brought {laid.arc.energy * 1e-3:.0f} kJ of heat, but the temperature rose by '
-            f'{max(rise, 0.0):.0f} K only, from {self._before:.0f} degC; within {REACH * 1e3:.0f} mm of a bead it '
-            f'rises by {least:.0f} K at least: the spot of the pyrometer does not lie on the layer'
+            f'{max(rise, 0.0):.0f} K only, from {self._before:.0f} degC; within '
+            f'{MAX_SPOT_DISTANCE * 1e3:.0f} mm of a bead it rises by {least:.0f} K at least: '
+            'the spot of the pyrometer does not lie on the layer'
         )

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 
-LEAST = 1e-3  # of the metal: less is not told
+MIN_ALTERED = 1e-3  # of the metal: less is not told
 KEPT_S = 3.0  # s between two records of a layer that is being laid with an override
 
 
@@ -51,7 +51,7 @@ class AlteredMetal:
     def text(self) -> str:
         """For the layer report; '' = nothing was altered."""
         factor = self._of_deposits
-        changed = np.abs(factor - 1) > LEAST
+        changed = np.abs(factor - 1) > MIN_ALTERED
         if not changed.any():
             return ''
         length = np.array([s.length for s in self._deposits])

@@ -18,7 +18,9 @@ from .snapshots import Scan
 BEYOND = 3e-3  # m around the metal of a layer that is scanned with it
 SPREAD = 1.5e-3  # m beyond its planned footprint that metal may flow: no witness of what was there
 WITNESSES = 50  # cells that must tell whether the surface beside the layer is still where it was
-MOVED = 0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
+MAX_CHANGE_BESIDE = (
+    0.1e-3  # m, median change of those cells; a part that was touched or sank differs by more
+)
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def against(before: Scan, seen: Scan, window: Window, planned: np.ndarray) -> st
     if reason := unwitnessed(_change(before.map, found, planned)):
         return reason
     moved = moved_beside(before.map, found, planned)
-    if abs(moved) > MOVED:
+    if abs(moved) > MAX_CHANGE_BESIDE:
         return f'the surface beside the layer has moved by {moved * 1e3:+.2f} mm'
     return ''
 

@@ -27,9 +27,9 @@ PRESENT = 0.5  # share of the planned metal above which a place counts as laid
 # the same of the last bead that is done and of one that was begun: the neighbour that would fill its side is not there
 BEGUN = 0.25
 BARE = 0.5  # bead widths of path with less than PRESENT of their metal, on which nothing was laid
-REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
+END_REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond the place where half of it is there
 # least share of its metal that a segment gets, however much is there: the arc needs wire
-LEAST = 0.3
+MIN_METAL_SHARE = 0.3
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 CHECKPOINT_REACH = 3.0  # s of planned travel that may have been laid after a checkpoint was written
 FEW = 5  # segments; the metal of a begun bead is looked for when it has more
@@ -266,8 +266,8 @@ def restart(
     that a segment still needs, by index.
 
     The end of a bead is round, and the pool that trailed the arc set ahead of its place. A path that was begun goes on
-    where half of its metal is there, and what lies within `REACH` beyond that point is not laid again. `start` is the
-    share of the metal over the first bead width from there.
+    where half of its metal is there, and what lies within `END_REACH` beyond that point is not laid again. `start` is
+    the share of the metal over the first bead width from there.
     """
     done = progress.done
     path = begun_path(deposits, done)
@@ -275,7 +275,7 @@ def restart(
         return done, None, {}
     edges = np.cumsum([0.0] + [deposits[i].length for i in path])  # along the path
     middles, change = 0.5 * (edges[1:] + edges[:-1]), edges[done - path.start]
-    reach = REACH * deposits[done].width
+    reach = END_REACH * deposits[done].width
     found = np.nan_to_num(progress.shares)
     there = share_of_end(found[path.start : path.stop], middles - change, reach, found[:done])
 
@@ -289,7 +289,8 @@ def restart(
     lacks = np.where(middles < end + reach, 1 - there, 1.0)
     lacks *= np.where(middles < end + s.width, start, 1.0)
     missing = {
-        deposits[path[i]].index: float(np.clip(lacks[i], LEAST, 1.0)) for i in range(k, len(path))
+        deposits[path[i]].index: float(np.clip(lacks[i], MIN_METAL_SHARE, 1.0))
+        for i in range(k, len(path))
     }
     return path[k], (x, y, z), missing
 

@@ -31,7 +31,7 @@ METAL = 0.25  # of the height of new metal, in its height
 ROUND = 0.28  # bead widths, standard deviation of its cross-section
 BLUR = 1.0  # cells
 OUTLIER = 3.0  # standard uncertainties from which a residual counts less
-ALIKE = 50.0  # cells that err alike
+NOISE_CORRELATION_CELLS = 50.0  # cells that err alike
 SURE = 7.0  # by which the fit must be better than the part in its place, in half squares of standard uncertainties
 SHOWN = 3.0  # standard uncertainties from which a displacement is one
 OTHER = 0.25  # share of cells that fit nowhere, from which another part lies there
@@ -327,12 +327,15 @@ class _Fit:
             return np.concatenate([np.nan_to_num(self.residuals(p)), (p - USUAL) / LOOSE])
 
         def loss(z: np.ndarray) -> np.ndarray:
-            """Cauchy over ALIKE for the cells; what is usual counts in full."""
+            """Cauchy over NOISE_CORRELATION_CELLS for the cells; what is usual counts in full."""
             data = z[:n]
             cauchy = c2 * np.log1p(data / c2), 1 / (1 + data / c2), -1 / c2 / (1 + data / c2) ** 2
             usual = z[n:], np.ones(len(z) - n), np.zeros(len(z) - n)
             return np.array(
-                [np.concatenate([a / ALIKE, b]) for a, b in zip(cauchy, usual, strict=True)]
+                [
+                    np.concatenate([a / NOISE_CORRELATION_CELLS, b])
+                    for a, b in zip(cauchy, usual, strict=True)
+                ]
             )
 
         found = least_squares(errors, start[still:], loss=loss, max_nfev=40)

@@ -85,6 +85,7 @@ class Scan:
     bead_width: float = float('nan')
     bead_width_u: float = float('nan')
     bead_width_expected: float = float('nan')
+    stored: bool = False  # read from the folder of an interrupted job
     extent: str = ''  # what the pass covered and why, in words; '' = the whole part, as always
     job_id: str = ''  # that its message names; '' = it came without one
     layer: int = -1  # layers laid before it, as its message names; -1 = it came without one

@@ -8,7 +8,6 @@ from waam_node.params import param
 from waam_process.operating import PLATE_ZERO
 
 from ..run.settings import Settings
-from ..run.watch import Limits
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,6 @@ class JobParams:
         'the pass after a layer covers only what it has changed, as long as the surface beside it stays where it '
         'was; the rest of the map is kept',
     )
-    height_warning: float = param(
-        1.0e-3, 'height error after a layer that is noted as an anomaly, with its place', 'm', 1e-5
-    )
     cold_metal: float = param(
         2e-4,
         'metal less per kelvin that a part is colder than when its layer was interrupted: beads are higher',
@@ -80,16 +76,15 @@ class JobParams:
     share_in_tolerance: float = param(
         0.95, 'share of the judged area within tolerance for a good verdict', '', 0.5, 1.0
     )
-    link_timeout: float = param(
-        5.0, 'steady time without telemetry that ends a job', 's', 0.5, 60.0
-    )
-    node_timeout: float = param(
-        4.0, 'steady time of silence of a required node that ends a job', 's', 0.5, 60.0
-    )
-    lease_retries: int = param(3, 'holds by a late (not dead) node that are resumed', '', 0, 100)
     service_timeout: float = param(
         20.0, 'longest wait for an answer of another node', 's', 1.0, 600.0
     )
+
+
+SAME = (
+    'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
+    'cold_metal', 'restart_metal', 'allow_unbelieved_temperature', 'share_in_tolerance',
+)  # fmt: skip
 
 
 def settings_of(p: JobParams, simulated: bool) -> Settings:
@@ -97,20 +92,8 @@ def settings_of(p: JobParams, simulated: bool) -> Settings:
     return Settings(
         work_offset=tuple(p.work_offset),
         plate_zero=tuple(p.plate_zero),
-        margin=p.margin,
-        resolution=p.resolution,
-        follow_reach=p.follow_reach,
-        cooling_timeout=p.cooling_timeout,
-        scan_max_age=p.scan_max_age,
-        scan_changed_only=p.scan_changed_only,
-        height_warning=p.height_warning,
-        cold_metal=p.cold_metal,
-        restart_metal=p.restart_metal,
         calibration_max_days=p.calibration_max_age,
         simulated=simulated,
-        cell=p.cell,
-        allow_unbelieved_temperature=p.allow_unbelieved_temperature,
-        share_in_tolerance=p.share_in_tolerance,
         lease_nodes=tuple(p.lease_nodes),
-        limits=Limits(p.link_timeout, p.node_timeout, p.lease_retries),
+        **{name: getattr(p, name) for name in SAME},
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PointStamped, Vector3
+from geometry_msgs.msg import PointStamped
 from rclpy.client import Client
 
 from waam_msgs.msg import (
@@ -39,6 +39,7 @@ from waam_node.conversions import (
     segment_from_msg,
     segment_to_msg,
     time_to_msg,
+    to_msg,
 )
 from waam_node.node import CallError, WaamNode, call
 from waam_node.qos import EVENTS, LATCHED, TELEMETRY
@@ -232,9 +233,10 @@ class RosCell:
         value: float = 0.0,
     ) -> None:
         """JobError MACHINE_NOT_READY when the bridge refuses, NODE_LOST when it does not answer."""
-        x, y, z = (float(v) for v in vector)
-        request = Command.Request(code=getattr(Command.Request, name), text=text, names=list(names))
-        request.vector, request.value = Vector3(x=x, y=y, z=z), float(value)
+        code = getattr(Command.Request, name)
+        request = to_msg(
+            Command.Request, code=code, text=text, names=names, vector=vector, value=value
+        )
         self._call(self._command, request, Code.MACHINE_NOT_READY)
 
     def enqueue(self, job_id: str, segments: list[Segment], last: bool) -> None:
@@ -291,10 +293,10 @@ class RosCell:
 
     def plan(self, job_id: str, layer: int, segments: list[Segment]) -> None:
         """Publishes layer_plan and, for a pyrometer that can be aimed, the place to look at (pyrometer_aim)."""
-        message = LayerPlan(
-            job_id=job_id, layer=layer, segments=[segment_to_msg(s) for s in segments]
+        path = [segment_to_msg(s) for s in segments]
+        message = to_msg(
+            LayerPlan, stamp=self._stamp(), frame='work', job_id=job_id, layer=layer, segments=path
         )
-        message.header.stamp, message.header.frame_id = self._stamp(), 'work'
         self._plan.publish(message)
         point = aim_point(segments)
         if point is not None:  # a pyrometer that can be aimed follows the metal
@@ -310,11 +312,11 @@ class RosCell:
         self.job_id = status.job_id
         with self._lock:
             self._stats.layer = status.layer if status.state == State.DEPOSITING else 0
-        self._status.publish(convert.status_to_msg(status, self._stamp()))
+        self._status.publish(to_msg(JobStatus, status, stamp=self._stamp()))
 
     def layer_report(self, report: LayerRecord) -> None:
         """Publishes layer_report."""
-        self._report.publish(convert.layer_to_msg(report, self._stamp()))
+        self._report.publish(to_msg(LayerReport, report, stamp=self._stamp()))
 
     def anomaly(self, anomaly: AnomalyRecord) -> None:
         """Publishes anomaly; `take_warnings` will not return it."""

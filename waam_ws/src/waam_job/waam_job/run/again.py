@@ -14,7 +14,10 @@ from ..model.cell import Cell, Machine
 
 BURNS_A = 30.0  # A: less is no arc (established_a of the controller)
 OVERLAP = 1e-3  # m: the wire has stopped that much before the arc went out, at usual speeds
-LEAST, MOST = 0.5e-3, 10e-3  # m between arc and torch: less is no gap, more is no gap of this bead
+MIN_GAP, MAX_GAP = (
+    0.5e-3,
+    10e-3,
+)  # m between arc and torch: less is no gap, more is no gap of this bead
 CORNER = math.cos(math.radians(20.0))  # a way back that turns more would cut the corner
 BACK_SPEED = 5e-3  # m/s
 
@@ -68,7 +71,7 @@ class Again:
         if held.burned is None or running is None or not running.arc:
             return 0.0
         way = math.dist(held.burned, held.position)
-        return way if LEAST <= way <= MOST else 0.0
+        return way if MIN_GAP <= way <= MAX_GAP else 0.0
 
     def lay(self, held: Machine, stop: Callable[[], None]) -> None:
         """stop: ends the hold and drops the queue. Then the torch goes back, and the rest is handed over anew under the

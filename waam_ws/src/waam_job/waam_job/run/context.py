@@ -9,12 +9,12 @@ from waam_plan.plan import Plan
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point
 
-from ..model.cell import Cell
+from ..model.cell import Cell, Scan
 from ..model.goal import Checked, JobGoal
 from ..model.program import Program
 from ..model.records import Status
 from ..store.folder import JobFolder
-from ..store.journal import Journal
+from ..store.journal import Following, Journal
 from . import work_frame
 from .control import Control
 from .motion import Motion
@@ -92,6 +92,12 @@ class JobContext:
     def work_zero(self) -> Point:
         """Machine coordinates of the part's lower corner."""
         return work_frame.work_zero(self.goal, self.settings)
+
+    def keep_scan(self, scan: Scan, following: Following) -> None:
+        """The surface before a layer goes into the folder, with what the layer is asked for."""
+        number = following.layer.number - 1
+        target = self.program.target_after(number)
+        self.journal.scan(number, scan, self.program.current, target, following)
 
     def plan_settings(self) -> PlanSettings:
         """What the planner needs of goal, material and machine."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,26 +11,16 @@ from waam_plan.plan import PlannedLayer, renumber
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
-from ..model.altered import AlteredMetal
 from ..model.cell import Correction, CorrectionRequest, FeedRequest, Heat, NextLayer, Scan
 from ..model.geometry import asked_growth, driven_growth, follow, laid_beads
 from ..model.records import LayerRecord, State
 from ..store.journal import Following
 from .context import JobContext
 from .cooling import Cooling
+from .layer_observer import AskedMetal, BeadProgress, LayerObserver, SetLayer
 from .learning import Learning
 from .part_scanner import PartScanner
 from .preparation import Preparation
-from .progress import BeadProgress
-
-
-@dataclass(frozen=True)
-class Laid:
-    """What there is of a layer that was cut off: deposits; asked (rows, cols) m, metal that the setpoints asked for
-    when they were laid."""
-
-    deposits: list[Segment]
-    asked: np.ndarray
 
 
 @dataclass
@@ -61,55 +51,22 @@ class LayerCycle:
         self.cooling = Cooling(context)
         self.history = History()
 
-    def lay(self, layer: PlannedLayer, scan: Scan, laid: Laid | None = None) -> Scan:
-        """Deposits a layer (laid: what there is of it, `layer` is the rest) onto the surface of `scan`, which is that
-        before the whole layer, and returns the scan after it."""
-        resumed = laid is not None
-        self._announce(layer)
-        wait, temperature = self.cooling.wait(layer.number)
-        scan = scan if resumed else self._renewed(layer, scan)
-        record = self._record(layer, scan)
-        record.wait, record.temperature = wait, temperature
+    def lay(self, layer: PlannedLayer, scan: Scan, asked: AskedMetal | None = None) -> Scan:
+        """Deposits a layer onto the surface of `scan` and returns the scan after it. asked: knows what lies there of a
+        layer that was cut off; `layer` then is its rest, and `scan` that before the whole layer."""
+        asked = asked or AskedMetal(self.context)
+        wait, temperature = self._cool(layer)
+        scan = self._renewed(layer, scan)
+        record = self._record(layer, scan, wait, temperature)
         if self.control.take_request('skip_layer'):
-            return self._skip(layer, scan, record, resumed)
+            return self._skip(layer, scan, record)
         heat = self.cell.heat()
         correction = self._correct(layer, scan, heat, record)
-        segments = self._setpoints(layer, scan, correction, heat.factor, record)
-        asked = self._asked(layer, correction, segments)
-        feed_factor = record.flow_factor * record.heat_factor
-        # otherwise the file holds the surface before the whole layer, which is still valid
-        if not resumed:
-            self._keep_scan(scan, Following(layer, asked, correction, feed_factor))
+        work = self._set(layer, scan, correction, heat, record)
         self._tell_next(layer.number + 1)
-        self.preparation.check_spark()
-        placed = self._placed(segments)
-        altered = AlteredMetal(placed, laid.deposits if laid else ())
-        if laid is not None:
-            asked = altered.with_earlier(asked, laid.asked, scan.map.spec)
-
-        def following() -> Following:
-            """What the setpoints in force ask for, with the operator's override."""
-            wanted = altered.asked(asked, scan.map.spec)
-            return Following(layer, wanted, correction, feed_factor)
-
-        def keep() -> None:
-            self._keep_scan(scan, following())
-
-        if resumed:  # what the rest is asked for from now on
-            keep()
-        try:
-            self._deposit(placed, layer, record, altered, keep)
-        except Exception:
-            keep()
-            raise
-        if altered.text:
-            record.reasons.append(altered.text)
-            keep()
-        asked = following().asked
-        self.history = History(asked, scan.map.z, feed_factor)
+        self._deposit(work, asked, BeadProgress(self.context))
+        self.history = History(asked.growth, scan.map.z, work.feed_factor)
         self.journal.layer(record)
-        if resumed:  # what lies there is not what was planned on one map
-            return self.scanner.scan_after(layer.number)
         return self.scanner.scan_after_layer(layer, scan)
 
     def found(self, layer: PlannedLayer, before: Scan) -> Scan:
@@ -119,30 +76,38 @@ class LayerCycle:
         self.journal.layer(record)
         return self.scanner.scan_after(layer.number)
 
-    def _record(self, layer: PlannedLayer, scan: Scan) -> LayerRecord:
+    def _record(
+        self, layer: PlannedLayer, scan: Scan, wait: float = 0.0, temperature: float = math.nan
+    ) -> LayerRecord:
         """With what is known before the layer is laid on the surface of `scan`."""
         record = LayerRecord(
             job_id=self.run_id,
             loop_mode=self.goal.loop_mode,
             layer=layer.number,
             pass_number=self.program.pass_number,
+            wait=wait,
+            temperature=temperature,
         )
         error = scan.map.z - layer.target_before
         record.add_errors(error[self.program.current.interior & (layer.planned > 0)])
         record.add_scan(scan)
         return record
 
-    def _announce(self, layer: PlannedLayer) -> None:
-        """The layer that begins now, in the status."""
+    def _cool(self, layer: PlannedLayer) -> tuple[float, float]:
+        """Announces the layer and waits until it may begin: s waited, and the temperature then, degC."""
         status = self.journal.status
         status.layer, status.bead = layer.number, 0
         status.beads = self.program.layer(layer.number).beads
         status.k_gain = self.control.k_gain(self.goal.k_gain)
         self.context.note_remarks()
         self.journal.state(State.COOLING)
+        return self.cooling.wait(layer.number)
 
     def _renewed(self, layer: PlannedLayer, scan: Scan) -> Scan:
-        """The scan, or a new one when the operator asked for it or this one is too old to lay metal by."""
+        """The scan, or a new one when the operator asked for it or this one is too old to lay metal by. The surface
+        before a layer that was cut off cannot be scanned any more."""
+        if scan.stored:
+            return scan
         age, limit = self.cell.now() - scan.stamp, self.settings.scan_max_age
         if self.control.take_request('rescan'):
             self.journal.note('INFO', 'operator', 'another scan was asked for', 'scanned again')
@@ -152,22 +117,19 @@ class LayerCycle:
             return scan
         return self.scanner.scan_after(layer.number - 1)
 
-    def _keep_scan(self, scan: Scan, following: Following) -> None:
-        number = following.layer.number - 1
-        target = self.program.target_after(number)
-        self.journal.scan(number, scan, self.program.current, target, following)
-
-    def _skip(self, layer: PlannedLayer, scan: Scan, record: LayerRecord, resumed: bool) -> Scan:
-        """Leaves the layer out. Of a resumed layer the metal that was laid stays and is measured."""
+    def _skip(self, layer: PlannedLayer, scan: Scan, record: LayerRecord) -> Scan:
+        """Leaves the layer out. Of one that was cut off the metal that was laid stays and is measured."""
         self.journal.note(
             'WARNING', 'operator', f'layer {layer.number} was skipped', 'layer not laid'
         )
         record.reasons.append('skipped by the operator')
-        if not resumed:
-            self._keep_scan(scan, Following(layer, np.zeros(scan.map.spec.shape)))
+        if not scan.stored:
+            self.context.keep_scan(
+                scan, Following(layer=layer, asked=np.zeros(scan.map.spec.shape))
+            )
         self.history = History()
         self.journal.layer(record)
-        return self.scanner.scan_after(layer.number) if resumed else scan
+        return self.scanner.scan_after(layer.number) if scan.stored else scan
 
     def request(
         self, layer: PlannedLayer, scan: Scan, heat: Heat | None = None
@@ -214,7 +176,7 @@ class LayerCycle:
         if self.loop_mode == LoopMode.OPEN_LOOP:
             return None
         self.journal.state(State.CORRECTING)
-        # of a resumed layer, too: the metal that is planned and the beads that lay it belong together
+        # also of the rest of a layer: the metal that is planned and the beads that lay it belong together
         whole = self.program.layer(layer.number)
         correction = self.cell.correct(self.run_id, self.request(whole, scan, heat))
         self.learning.taught = correction.learned
@@ -226,16 +188,17 @@ class LayerCycle:
             self.journal.note('WARNING', 'correction', '; '.join(correction.reasons), reaction)
         return correction
 
-    def _setpoints(
+    def _set(
         self,
         layer: PlannedLayer,
         scan: Scan,
         correction: Correction | None,
-        heat_factor: float,
+        heat: Heat,
         record: LayerRecord,
-    ) -> list[Segment]:
+    ) -> SetLayer:
         """Speed, feed and voltage of every segment; in closed loop the torch also follows the measured surface, but a
-        program of others keeps its path."""
+        third-party program keeps its path. With the approach from where the torch is, numbered on from the last one
+        laid."""
         closed = self.loop_mode == LoopMode.CLOSED_LOOP
         segments = layer.segments
         if closed and scan.plausible and self.context.checked.program is None:
@@ -244,12 +207,22 @@ class LayerCycle:
             material=self.goal.material,
             segments=segments,
             correction=correction,
-            heat_factor=heat_factor,
+            heat_factor=heat.factor,
             apply=closed,
         )
         segments = self.cell.setpoints(self.run_id, request)
         record.add_segments(segments)
-        return segments
+        motion, settings = self.motion, self.context.plan_settings()
+        safe_z = self.program.current.safe_z
+        return SetLayer(
+            layer=layer,
+            asked=self._asked(layer, correction, segments),
+            correction=correction,
+            feed_factor=record.flow_factor * record.heat_factor,
+            scan=scan,
+            record=record,
+            segments=renumber(segments, motion.next_index, motion.position, settings, safe_z),
+        )
 
     def _asked(
         self, layer: PlannedLayer, correction: Correction | None, segments: list[Segment]
@@ -261,45 +234,27 @@ class LayerCycle:
         asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
         return driven_growth(asked, layer.planned, self.program.current.spec, segments)
 
-    def _deposit(
-        self,
-        placed: list[Segment],
-        layer: PlannedLayer,
-        record: LayerRecord,
-        altered: AlteredMetal,
-        keep: Callable[[], None],
-    ) -> None:
-        """keep: puts what the layer is asked for into the folder, for a job that is cut off and resumed."""
+    def _deposit(self, work: SetLayer, *observers: LayerObserver) -> None:
+        layer, record, segments = work.layer, work.record, work.segments
+        material = self.context.checked.material
+        for observer in observers:
+            observer.begin(work)
+        self.preparation.check_spark()
         self.journal.state(State.DEPOSITING)
         self.cell.take_sums()
-        self.cell.plan(self.run_id, layer.number, placed)
+        self.cell.plan(self.run_id, layer.number, segments)
         started = self.cell.now()
-        progress = BeadProgress(self.context, layer, placed)
-
-        def on_done(segment: Segment) -> None:
-            factor = self.control.metal_factor
-            altered.heard(segment.index, factor)
-            progress.on_done(segment)
-            if altered.news(factor, self.cell.now()):
-                keep()
-
-        self.journal.checkpoint(
-            0, progress.beads_before, placed[0].index - 1, progress.segments_before
-        )
-        material = self.context.checked.material
-        self.scanner.laid(layer.number, laid_beads(placed, material))
-        self.motion.execute(placed, on_done)
-        last = placed[-1].index
-        self.journal.checkpoint(0, progress.beads_before + layer.beads, last, progress.laid(last))
+        self.scanner.laid(layer.number, laid_beads(segments, material))
+        complete = False
+        try:
+            self.motion.execute(segments, [o.segment_done for o in observers])
+            complete = True
+        finally:
+            for observer in observers:
+                observer.end(complete)
         record.duration = self.cell.now() - started
         record.add_sums(self.cell.take_sums(), material.set_current)
         if record.telemetry_lost:
             text = f'{record.telemetry_lost} telemetry frames were lost in this layer'
             self.journal.note('WARNING', 'link', text, 'means over the others')
         record.faults = self.journal.faults_in(layer.number)
-
-    def _placed(self, segments: list[Segment]) -> list[Segment]:
-        """The segments with the approach from where the torch is, numbered on from the last one laid."""
-        motion, settings = self.motion, self.context.plan_settings()
-        safe_z = self.program.current.safe_z
-        return renumber(segments, motion.next_index, motion.position, settings, safe_z)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from waam_process.segment import Point, Segment
 
@@ -39,9 +39,9 @@ class Motion:
         self.until(lambda m: m.state == 'IDLE', timeout, 'the machine did not come to rest')
 
     def execute(
-        self, segments: list[Segment], on_done: Callable[[Segment], None] | None = None
+        self, segments: list[Segment], on_done: Sequence[Callable[[Segment], None]] = ()
     ) -> None:
-        """Runs consecutive segments; calls `on_done` with each newly finished one (the last of several at once)."""
+        """Runs consecutive segments; calls all of `on_done` with each newly finished one (the last of several)."""
         self.cell.enqueue(self.job_id, segments, True)
         self.watch.again = Again(self.cell, self.job_id, segments, self.until)
         try:
@@ -50,9 +50,7 @@ class Motion:
             self.watch.again = None
         self.next_index, self.position = segments[-1].index + 1, segments[-1].end
 
-    def _await(
-        self, segments: list[Segment], on_done: Callable[[Segment], None] | None = None
-    ) -> None:
+    def _await(self, segments: list[Segment], on_done: Sequence[Callable[[Segment], None]]) -> None:
         by_index = {s.index: s for s in segments}
         last, seen = segments[-1].index, -1
         # an override may stretch a segment tenfold; what a pause takes does not count
@@ -63,8 +61,8 @@ class Motion:
             done = machine.executed if machine.executed_job == self.job_id else -1
             if done != seen:
                 seen, deadline = done, self.now() + allowed
-                if on_done and done in by_index:
-                    on_done(by_index[done])
+                for told in on_done if done in by_index else ():
+                    told(by_index[done])
             if done >= last and machine.state == 'IDLE':
                 break
             if self.now() > deadline:

@@ -24,7 +24,9 @@ from ..model.records import State
 from .context import JobContext
 
 WHOLE = 'whole part scanned: '  # before the reason, in the report
-LOST = 0.1  # share of the grid that a scan may lose beside the one before; more is scanned again
+MAX_LOST = (
+    0.1  # share of the grid that a scan may lose beside the one before; more is scanned again
+)
 PARTIAL_SCANS = 3  # in a row, after which the job pauses
 PARTIAL = 'what was seen is corrected, the rest holds the level'
 
@@ -41,7 +43,7 @@ class PartScanner:
         self._laid: tuple[int, LaidBeads] = (0, LaidBeads())
         self._kept_since = 0.0  # s, stamp of the last scan of the whole part; 0 = the last one was
         self._coverage = 0.0  # share of the grid that the last whole map knew
-        self._partial = 0  # scans in a row that lost more than LOST of it
+        self._partial = 0  # scans in a row that lost more than MAX_LOST of it
 
     def laid(self, layer: int, beads: LaidBeads) -> None:
         """The beads of `layer`, which the scan after it tells the width of."""
@@ -55,6 +57,8 @@ class PartScanner:
     def scan_after_layer(self, layer: PlannedLayer, before: Scan) -> Scan:
         """The surface after `layer`, which was laid on that of `before`: only what it has changed is scanned, if the
         settings say so and nothing speaks against it; the scan says which (`extent`)."""
+        if before.stored:  # what lies there was not planned on one map
+            return self.scan_after(layer.number)
         if not self.settings.scan_changed_only:
             return self._witnessed(layer, before)
         window = changed.window_of(self.spec, layer.planned)
@@ -80,12 +84,12 @@ class PartScanner:
         if not (before.plausible and scan.plausible):
             return scan
         moved = changed.moved_beside(before.map, scan.map.z, layer.planned)
-        if not abs(moved) > changed.MOVED:  # NaN: too few cells tell
+        if not abs(moved) > changed.MAX_CHANGE_BESIDE:  # NaN: too few cells tell
             return scan
         self._note_moved(layer.number, moved, 'scanned again')
         again = self.scan_after(layer.number)
         moved = changed.moved_beside(before.map, again.map.z, layer.planned)
-        if again.plausible and abs(moved) > changed.MOVED:
+        if again.plausible and abs(moved) > changed.MAX_CHANGE_BESIDE:
             self._note_moved(layer.number, moved, 'two scans agree: taken as it is')
         return again
 
@@ -148,9 +152,11 @@ class PartScanner:
         return scan
 
     def _lost(self, scan: Scan) -> str:
-        """What the scan did not see of the map before, in words; '' = no more than LOST."""
+        """What the scan did not see of the map before, in words; '' = no more than MAX_LOST."""
         lost = self._coverage - scan.coverage
-        return f'{lost:.1%} of the grid was not seen that was seen before' if lost > LOST else ''
+        return (
+            f'{lost:.1%} of the grid was not seen that was seen before' if lost > MAX_LOST else ''
+        )
 
     def _taken_in_part(self, layer: int, scan: Scan) -> Scan:
         """A map that misses a part twice: what it shows is corrected, the rest holds the level. After PARTIAL_SCANS of
@@ -241,7 +247,7 @@ def _as_seen_before(scan: Scan, seen: np.ndarray) -> Scan:
     """`scan`, doubted where it knows much less than the scan before it, which saw the cells (rows, cols): nothing was
     laid between, so the scanner was blind for a while."""
     lost = float((seen & np.isnan(scan.map.z)).mean())
-    if lost <= LOST:
+    if lost <= MAX_LOST:
         return scan
     reason = f'{lost:.1%} of the grid was seen by the scan before, not by this one'
     return replace(scan, plausible=False, reasons=(*scan.reasons, reason))

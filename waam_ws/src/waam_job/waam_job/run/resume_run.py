@@ -26,7 +26,8 @@ from ..model.resume import (
 from ..model.shift import expected_of, find_shift
 from ..store import checkpoint as checkpoints
 from .context import JobContext
-from .layer_cycle import History, Laid, LayerCycle
+from .layer_cycle import History, LayerCycle
+from .layer_observer import AskedMetal
 from .part_scanner import PartScanner
 from .passes import Passes
 from .planning import wire_of, wire_problems
@@ -154,7 +155,7 @@ class ResumeRun:
         self._spend(layer, [rest])
         left = min(s.index for s in rest.deposits)
         earlier = [s for s in layer.deposits if s.index < left]
-        scan = self.cycle.lay(rest, before, Laid(earlier, asked.planned))
+        scan = self.cycle.lay(rest, before, AskedMetal(self.context, earlier, asked.planned))
         self._remember(number)
         return scan, number + 1
 
@@ -232,6 +233,7 @@ class ResumeRun:
             count=stored['count'],
             coverage=float(np.isfinite(z).mean()),
             plausible=True,
+            stored=True,
             bead_width=width,
             bead_width_u=u,
             bead_width_expected=expected,

@@ -33,7 +33,7 @@ from .trace import trace
 TRACK_PERIOD = 10.0  # s, of the telemetry that one piece of the track holds at most within a bead
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Following:
     """The layer that follows a scan, and what its setpoints ask for."""
 

@@ -8,11 +8,11 @@ import numpy as np
 
 RISE = 30.0  # K that a pass of the arc lifts the place at least
 WITHIN = 60.0  # s before the peak in which it does
-LEAST = 15.0  # s of cooling that are needed
+MIN_COOLING = 15.0  # s of cooling that are needed
 FIRST = 5.0  # s after the peak; sooner it is melt, spatter, light of the arc
 FLOOR_SHARE = 0.03  # of all readings at the lowest value: the instrument reads no lower
 ABOVE_FLOOR = 5.0  # K
-MOST = 40  # curves that are used
+MAX_CURVES = 40  # curves that are used
 
 
 @dataclass(frozen=True)
@@ -39,23 +39,23 @@ def curves(t: np.ndarray, celsius: np.ndarray) -> tuple[list[Curve], list[str]]:
     for k, i in enumerate(peaks):
         end = peaks[k + 1] if k + 1 < len(peaks) else t.size
         j = i + _cooling(t[i:end], celsius[i:end], good[i:end])
-        if t[j - 1] - t[i] < LEAST or (t[i:j] - t[i] >= FIRST).sum() < 6:
+        if t[j - 1] - t[i] < MIN_COOLING or (t[i:j] - t[i] >= FIRST).sum() < 6:
             short += 1
             continue
         before = float(t[i] - t[peaks[k - 1]]) if k else float('nan')
         found.append(Curve(t[i:j] - t[i], celsius[i:j], before))
     if short:
         notes.append(
-            f'{short} of {len(peaks)} peaks are followed by less than {LEAST:.0f} s of cooling'
+            f'{short} of {len(peaks)} peaks are followed by less than {MIN_COOLING:.0f} s of cooling'
         )
-    if len(found) > MOST:
-        notes.append(f'{MOST} of {len(found)} cooling curves are used, evenly')
-        found = [found[k] for k in np.linspace(0, len(found) - 1, MOST).astype(int)]
+    if len(found) > MAX_CURVES:
+        notes.append(f'{MAX_CURVES} of {len(found)} cooling curves are used, evenly')
+        found = [found[k] for k in np.linspace(0, len(found) - 1, MAX_CURVES).astype(int)]
     return found, notes
 
 
 def _peaks(t: np.ndarray, celsius: np.ndarray) -> list[int]:
-    """Tops of rises of at least RISE within WITHIN seconds; of tops closer than half of LEAST the highest."""
+    """Tops of rises of at least RISE within WITHIN seconds; of tops closer than half of MIN_COOLING the highest."""
     found: list[int] = []
     low = 0
     high = -1
@@ -68,7 +68,7 @@ def _peaks(t: np.ndarray, celsius: np.ndarray) -> list[int]:
         elif celsius[k] > celsius[high]:
             high = k
         elif celsius[k] < celsius[high] - 0.3 * RISE:
-            if found and t[high] - t[found[-1]] < 0.5 * LEAST:
+            if found and t[high] - t[found[-1]] < 0.5 * MIN_COOLING:
                 found[-1] = max(found[-1], high, key=lambda i: float(celsius[i]))
             else:
                 found.append(high)

@@ -2,42 +2,31 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from waam_job.store.folder import clean
-from waam_node.files import write_atomically
 from waam_view.html import escape, page, table
 
-from ..twin.page import CELL_FILE, FACTS, PAGE, block, number
+from ..twin.page import cell_text, number, write_files
 from .finding import Finding
 from .fit import Recorded
 
 
 def write(folder: Path, found: Recorded, told: str, scatter: Mapping[str, Any]) -> Path:
     """Writes the three files; returns the path of the page. told: the command line, or ''. scatter: of a preset, as in
-    `waam_lab.twin.page.block`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / CELL_FILE, cell_file(found, scatter))
+    `waam_lab.twin.page.cell_text`."""
     facts = {'command': told, **asdict(found)}
-    write_atomically(folder / FACTS, json.dumps(clean(facts), indent=1))
-    write_atomically(folder / PAGE, _html(found, told))
-    return folder / PAGE
+    return write_files(folder, cell_file(found, scatter), facts, _html(found, told))
 
 
 def cell_file(found: Recorded, scatter: Mapping[str, Any]) -> str:
     """A ROS parameter file with what the recordings tell, the same cell with every preset."""
     told = {p.name: p.value for p in found.joined}
     names = ', '.join(dict.fromkeys(f.recording for f in found.findings))
-    lines = [f'# Fitted by waam lab fit to {names}', *(f'# {note}' for note in found.notes)]
-    lines += [
-        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
-    ]
-    return '\n'.join(lines) + '\n' + block(scatter, told)
+    return cell_text([f'Fitted by waam lab fit to {names}', *found.notes], scatter, told)
 
 
 def lines(found: Recorded) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-FAR = 1e-3  # m beside the planned line at which a row is not on it
+MAX_OFF_LINE = 1e-3  # m beside the planned line at which a row is not on it
 AHEAD = 16  # pieces of the line that the torch may pass between two rows
 
 
@@ -53,7 +53,7 @@ class Line:
             share = np.clip(((p - self.a[near]) * self.way[near]).sum(axis=1) / square, 0.0, 1.0)
             away = np.hypot(*(self.a[near] + share[:, None] * self.way[near] - p).T)
             best = int(np.argmin(away + 1e-6 * np.arange(away.size)))
-            if away[best] < FAR:
+            if away[best] < MAX_OFF_LINE:
                 self._here += best
                 out[i] = self.begin[self._here] + share[best] * self.length[self._here]
                 first = False

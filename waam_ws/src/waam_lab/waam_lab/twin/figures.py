@@ -11,7 +11,7 @@ from waam_view.canvas import BLUE, INK, new_figure, png, style
 from .compare import Comparison
 from .fit import Fitted
 
-MOST = 3  # layers shown of a job
+MAX_LAYERS = 3  # layers shown of a job
 
 
 def intervals(found: Fitted) -> bytes:
@@ -36,7 +36,7 @@ def maps(found: Fitted, job: int) -> bytes:
     replay = found.replays[job]
     comparison = Comparison(replay)
     numbers = list(comparison.masks)
-    chosen = [numbers[i] for i in sorted({0, len(numbers) // 2, len(numbers) - 1})][:MOST]
+    chosen = [numbers[i] for i in sorted({0, len(numbers) // 2, len(numbers) - 1})][:MAX_LAYERS]
     x0, x1, y0, y1 = (v * 1e3 for v in replay.record.spec.extent)
     figure = new_figure(9.4, 2 * 3.0 * (y1 - y0) / (x1 - x0) + 0.8)
     axes = np.atleast_2d(figure.subplots(2, len(chosen), sharex=True, sharey=True)).reshape(2, -1)

@@ -26,11 +26,17 @@ UNSAFE = 'Forecasts on this cell may end without an arc.'
 
 
 def write(folder: Path, found: Fitted, told: str, scatter: Mapping[str, Any]) -> Path:
-    """Writes the three files; returns the path of the page. told: the command line, or ''. scatter: see `block`."""
+    """Writes the three files; returns the path of the page. told: the command line, or ''. scatter: see
+    `cell_text`."""
+    return write_files(folder, cell_file(found, scatter), facts(found, told), html(found, told))
+
+
+def write_files(folder: Path, cell: str, found: Mapping[str, Any], html_page: str) -> Path:
+    """Of any fit; returns the path of the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / CELL_FILE, cell_file(found, scatter))
-    write_atomically(folder / FACTS, json.dumps(clean(facts(found, told)), indent=1))
-    write_atomically(folder / PAGE, html(found, told))
+    write_atomically(folder / CELL_FILE, cell)
+    write_atomically(folder / FACTS, json.dumps(clean(found), indent=1))
+    write_atomically(folder / PAGE, html_page)
     return folder / PAGE
 
 
@@ -39,25 +45,27 @@ def number(value: float) -> str:
     return f'{value:.4g}'
 
 
-def block(scatter: Mapping[str, Any], told: Mapping[str, float]) -> str:
-    """The parameters as YAML: what was fitted, and the rest of what a preset sets (`scatter`) as it was on the cell of
-    the fit, so that no preset adds scatter to what was fitted."""
+def cell_text(notes: list[str], scatter: Mapping[str, Any], told: Mapping[str, float]) -> str:
+    """The cell file with notes as comments: what was fitted, and the rest of what a preset sets (`scatter`) as it was
+    on the cell of the fit, so that no preset adds scatter to what was fitted."""
+    notes = [
+        *notes,
+        f'Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}',
+    ]
     values = dict(scatter) | {k: float(number(v)) for k, v in told.items()}
-    return yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
+    text = yaml.safe_dump({'cell': {'ros__parameters': values}}, sort_keys=False)
+    return ''.join(f'# {note}\n' for note in notes) + text
 
 
 def cell_file(found: Fitted, scatter: Mapping[str, Any]) -> str:
     """A ROS parameter file for `waam up --cell-file` and `waam lab --cell-file`, the same cell with every preset."""
     jobs = ', '.join(m.job for m in found.misfits)
     silent = ', '.join(e.unknown.name for e in found.estimates if not e.told)
-    lines = [f'# Fitted by waam lab fit to {jobs}']
-    lines += [f'# Not told by these records, so left as usual: {silent}'] if silent else []
+    notes = [f'Fitted by waam lab fit to {jobs}']
+    notes += [f'Not told by these records, so left as usual: {silent}'] if silent else []
     if found.strikes is not None and not found.strikes.safe:
-        lines += [f'# {UNSAFE} {found.strikes.words}']
-    lines += [
-        f'# Of the cell that it was fitted on, so that no preset counts: {", ".join(scatter)}'
-    ]
-    return '\n'.join(lines) + '\n' + block(scatter, found.values())
+        notes.append(f'{UNSAFE} {found.strikes.words}')
+    return cell_text(notes, scatter, found.values())
 
 
 def facts(found: Fitted, told: str) -> dict[str, Any]:

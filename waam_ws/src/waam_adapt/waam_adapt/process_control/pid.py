@@ -11,7 +11,7 @@ class Gains:
 
     kp: float
     ki: float
-    kd: float
+    kd: float = 0.0
 
 
 class VelocityPid:

@@ -9,11 +9,10 @@ from waam_node.params import ParameterError, param
 from waam_process import materials
 
 VALUES = ('none', 'current', 'power', 'heat_input')
-OUTPUTS = ('override', 'pulses')
 
 
 @dataclass(frozen=True)
-class HoldParams:
+class ProcessControlParams:
     """Parameters of the node process_control."""
 
     value: str = param('none', 'what is held; none = the node does nothing', choices=VALUES)
@@ -34,17 +33,9 @@ class HoldParams:
     )
     kp: float = param(0.3, 'relative change of the value per relative error', '', 0.0, 5.0)
     ki: float = param(2.5, 'and per second', '1/s', 0.0, 50.0)
-    kd: float = param(0.0, 'and per rate of the error', 's', 0.0, 1.0)
-    factor_min: float = param(0.80, 'lowest factor that is asked for', '', 0.5, 1.0)
-    factor_max: float = param(1.25, 'highest factor that is asked for', '', 1.0, 1.5)
-    period: float = param(0.04, 'between two steps of the control', 's', 0.01, 0.05)
-    filter: float = param(0.05, 'time constant of what is measured', 's', 0.0, 2.0)
     settle: float = param(0.5, 'after arc start and after corners before it acts', 's', 0.0, 10.0)
     timeout: float = param(
         0.2, 'without telemetry for so long (steady time) it is frozen', 's', 0.05, 5.0
-    )
-    output: str = param(
-        'override', 'PID, or the pulses of a handwheel as in source 004', choices=OUTPUTS
     )
 
     def __post_init__(self) -> None:

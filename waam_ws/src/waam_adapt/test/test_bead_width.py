@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from waam_adapt.feed.feed_forward import Field, Limits, Path, SetpointError, compute
-from waam_adapt.hold.width import UNKNOWN, SeenWidth, WidthEstimate, WidthIdentifier
+from waam_adapt.identify.bead_width import UNKNOWN, SeenWidth, WidthEstimate, WidthIdentifier
 from waam_process import materials
 from waam_process.grid import GridSpec
 from waam_process.segment import Clamp, Kind

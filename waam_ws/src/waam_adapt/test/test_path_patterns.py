@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from waam_adapt.identify.evidence import Layer
 from waam_adapt.identify.identification import Identifier
-from waam_adapt.identify.kinds import MOST, Kinds, pattern
+from waam_adapt.identify.path_patterns import MAX_OFFSET, PathPatterns, pattern
 from waam_adapt.types import CorrectionInput
 
 
@@ -25,7 +25,7 @@ OTHER_WAY = (turned([(0, 0), (30, 0), (30, 4), (0, 4)], -45),)
 
 def test_a_pattern_does_not_know_the_quadrant() -> None:
     assert pattern(SLANTED) == pytest.approx(pattern(OTHER_WAY), abs=0.2)
-    known = Kinds().learn(RINGS, 0.0, 1e-3).learn(SLANTED, -0.1, 1e-3)
+    known = PathPatterns().learn(RINGS, 0.0, 1e-3).learn(SLANTED, -0.1, 1e-3)
     assert len(known.patterns) == 2
     assert known.index(OTHER_WAY) == known.index(SLANTED) == 1
     assert known.index((turned([(0, 0), (50, 0)], 90),)) == 0
@@ -33,7 +33,7 @@ def test_a_pattern_does_not_know_the_quadrant() -> None:
 
 
 def test_one_kind_alone_is_the_process() -> None:
-    known = Kinds()
+    known = PathPatterns()
     for difference in (0.1, -0.2, 0.05):
         known = known.learn(RINGS, difference, 1e-3)
     assert known.offset(RINGS) == 0.0
@@ -41,7 +41,7 @@ def test_one_kind_alone_is_the_process() -> None:
 
 def test_two_kinds_are_told_apart_while_the_process_drifts() -> None:
     """The believed process follows; the kinds settle at their distance."""
-    rng, known, believed = np.random.default_rng(1), Kinds(), 1.0
+    rng, known, believed = np.random.default_rng(1), PathPatterns(), 1.0
     true = {'rings': 1.0, 'slanted': 0.9}
     paths = {'rings': RINGS, 'slanted': SLANTED}
     for n in range(24):
@@ -62,10 +62,10 @@ def test_two_kinds_are_told_apart_while_the_process_drifts() -> None:
 )
 @settings(max_examples=50, deadline=None)
 def test_offsets_stay_bounded(layers) -> None:
-    known = Kinds()
+    known = PathPatterns()
     for paths, difference, variance in layers:
         known = known.learn(paths, difference, variance)
-    assert all(abs(o) <= MOST for o in known.offsets)
+    assert all(abs(o) <= MAX_OFFSET for o in known.offsets)
     assert len(known.patterns) == len(known.offsets) == len(known.variances) <= 2
 
 
@@ -87,6 +87,9 @@ def test_in_plans_of_our_own_another_pattern_is_the_process(ratio_high: float) -
         z = last.after
     flow = known.flow_factor(request)
     if ratio_high:  # half of it is the pattern's
-        assert known.kinds.offset(on_map) < -0.02 and flow < 1.08
+        assert known.efficiency.state.patterns.offset(on_map) < -0.02 and flow < 1.08
     else:
-        assert flow == pytest.approx(1 / 0.9, rel=0.015) and not known.kinds.patterns
+        assert (
+            flow == pytest.approx(1 / 0.9, rel=0.015)
+            and not known.efficiency.state.patterns.patterns
+        )

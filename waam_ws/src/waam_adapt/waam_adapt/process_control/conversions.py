@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from waam_msgs.msg import ProcessControl as ProcessControlMsg
 from waam_msgs.msg import Telemetry
+from waam_node.conversions import to_msg
 
 from .control import ProcessControl, Sample
 from .params import VALUES
@@ -25,17 +26,10 @@ def process_sample(msg: Telemetry) -> Sample:
 
 def process_status(control: ProcessControl, seen: Telemetry) -> ProcessControlMsg:
     """What the process control does; seen: the last telemetry."""
-    status = control.status
-    msg = ProcessControlMsg(
-        controller_us=seen.controller_us,
-        value=VALUES.index(control.params.value),
-        reference=status.reference,
-        measured=status.measured,
-        frozen=bool(status.reason),
-        limited=status.limited,
-        reason=status.reason,
-    )
-    msg.header.stamp = seen.header.stamp
-    msg.speed_factor, msg.wire_factor = control.factors
-    msg.operator_speed_factor, msg.operator_wire_factor = control.operator
-    return msg
+    status, factors, operator = control.status, control.factors, control.operator
+    return to_msg(
+        ProcessControlMsg, stamp=seen.header.stamp, controller_us=seen.controller_us, reference=status.reference,
+        value=VALUES.index(control.params.value), measured=status.measured, frozen=status.reason != '',
+        limited=status.limited, reason=status.reason, speed_factor=factors.speed, wire_factor=factors.wire,
+        operator_speed_factor=operator.speed, operator_wire_factor=operator.wire,
+    )  # fmt: skip

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 BINS = 4  # of the angle, from 0 to 45 degrees
-ALIKE = 0.3  # share of the path by which layers of one kind may differ
-SIGMA = 0.05  # of a kind's offset before any layer of it, relative
-MOST = 0.15  # an offset beyond this is a fault
+MAX_DIFFERENCE = 0.3  # share of the path by which layers of one kind may differ
+OFFSET_SIGMA = 0.05  # of a kind's offset before any layer of it, relative
+MAX_OFFSET = 0.15  # an offset beyond this is a fault
 
 
 def pattern(paths: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -35,7 +35,7 @@ def pattern(paths: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Kinds:
+class PathPatterns:
     """What is known of each kind, one entry per kind: its pattern, by how much its efficiency lies off the process'
     (relative), and the variance of that."""
 
@@ -47,7 +47,7 @@ class Kinds:
         """The kind that these beads are of; None = a new one, or no beads."""
         own = pattern(paths)
         away = [0.5 * float(np.abs(own - p).sum()) for p in self.patterns]
-        if not away or not own.any() or min(away) > ALIKE:
+        if not away or not own.any() or min(away) > MAX_DIFFERENCE:
             return None
         return int(np.argmin(away))
 
@@ -56,7 +56,9 @@ class Kinds:
         k = self.index(paths)
         return 0.0 if k is None else self.offsets[k]
 
-    def learn(self, paths: tuple[np.ndarray, ...], difference: float, variance: float) -> Kinds:
+    def learn(
+        self, paths: tuple[np.ndarray, ...], difference: float, variance: float
+    ) -> PathPatterns:
         """With one more layer. difference: of its efficiency from the one expected of it, relative; variance: of that
         without the kind's own. With one kind alone everything is the process."""
         if not paths or not pattern(paths).any():
@@ -65,13 +67,15 @@ class Kinds:
         known = self
         if k is None:
             k = len(self.patterns)
-            known = Kinds(
-                (*self.patterns, pattern(paths)), (*self.offsets, 0.0), (*self.variances, SIGMA**2)
+            known = PathPatterns(
+                (*self.patterns, pattern(paths)),
+                (*self.offsets, 0.0),
+                (*self.variances, OFFSET_SIGMA**2),
             )
         if len(known.patterns) < 2:
             return known
         gain = known.variances[k] / (known.variances[k] + variance)
-        offset = min(max(known.offsets[k] + gain * difference, -MOST), MOST)
+        offset = min(max(known.offsets[k] + gain * difference, -MAX_OFFSET), MAX_OFFSET)
         return replace(
             known,
             offsets=_with(known.offsets, k, offset),

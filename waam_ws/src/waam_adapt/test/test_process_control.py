@@ -4,13 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from waam_adapt.hold.control import Factors, ProcessControl, Sample, exponent
-from waam_adapt.hold.handwheel import STATES, Decoder, Handwheel, PulseSettings, PulseTrain
-from waam_adapt.hold.params import HoldParams, reference
-from waam_adapt.hold.pid import Gains, VelocityPid
+from waam_adapt.process_control.control import Factors, ProcessControl, Sample, exponent
+from waam_adapt.process_control.params import ProcessControlParams, reference
+from waam_adapt.process_control.pid import Gains, VelocityPid
 from waam_node.params import ParameterError
 from waam_process import materials
 
@@ -53,60 +50,6 @@ def test_a_freeze_leaves_the_output_and_no_kick():
     assert pid.step(-0.3, 0.04, 0.5, 1.5) == before
 
 
-# ---- pulses
-
-
-def test_period_of_the_pulses_grows_as_the_error_falls():
-    train = PulseTrain(PulseSettings(error_period=0.01, shortest=0.02, dead_band=0.005))
-    assert train.period(0.02) == pytest.approx(0.5)
-    assert train.period(0.01) == pytest.approx(1.0) == train.period(-0.01)
-    assert train.period(5.0) == 0.02  # the wheel cannot be turned faster
-    assert math.isinf(train.period(0.005)) and math.isinf(train.period(0.0))
-
-
-def edges(error: float, seconds: float = 10.0) -> list[tuple[int, int]]:
-    train = PulseTrain(PulseSettings())
-    return [s for _ in range(round(seconds / 0.04)) for s in train.step(error, 0.04)]
-
-
-def test_order_of_the_lines_is_the_sign_and_the_dead_band_is_silent():
-    up, down = edges(0.05), edges(-0.05)
-    assert len(up) == len(down) == pytest.approx(4 * 10.0 * 0.05 / 0.01, abs=1)
-    assert up[:4] == [(1, 0), (1, 1), (0, 1), (0, 0)]  # A before B
-    assert down[:4] == [(0, 1), (1, 1), (1, 0), (0, 0)]  # B before A
-    assert edges(0.004) == []
-
-
-@given(st.lists(st.floats(-0.5, 0.5), max_size=60))
-def test_one_line_changes_at_a_time_and_the_decoder_counts_them_all(errors):
-    train, decoder, before, turned = PulseTrain(PulseSettings()), Decoder(), STATES[0], 0
-    for error in errors:
-        for state in train.step(error, 0.04):
-            assert sum(a != b for a, b in zip(state, before, strict=True)) == 1
-            decoder.see(state)
-            before = state
-            turned += 1 if error > 0 else -1
-    assert decoder.quarters == turned and decoder.lost == 0
-
-
-def test_a_jump_of_both_lines_is_counted_as_lost():
-    decoder = Decoder()
-    decoder.see((1, 1))
-    assert decoder.lost == 1 and decoder.quarters == 0
-
-
-def test_the_handwheel_is_a_law_like_the_pid():
-    wheel = Handwheel(PulseSettings())
-    for _ in range(250):
-        wheel.step(0.05, 0.04, 0.8, 1.25)
-    assert wheel.output == 1.25
-    wheel.step(0.004, 0.04, 0.8, 1.25)
-    assert wheel.output == 1.25
-    for _ in range(50):
-        wheel.step(-0.05, 0.04, 0.8, 1.25)
-    assert wheel.output == pytest.approx(1.25 - 0.1, abs=0.011)
-
-
 # ---- the control
 
 
@@ -114,7 +57,7 @@ class Plant:
     """A cell for the control: current = disturbance * table's current of the wire that comes 60 ms later."""
 
     def __init__(self, **params) -> None:
-        self.control = ProcessControl(HoldParams(**{'value': 'current', **params}))
+        self.control = ProcessControl(ProcessControlParams(**{'value': 'current', **params}))
         self.t, self.disturbance, self.arc = 10.0, 1.0, True
         self.feed, self.speed = 0.1, 0.010  # of the segment
         self.operator = (1.0, 1.0)
@@ -151,9 +94,8 @@ def test_it_answers_at_least_20_times_a_second():
     assert plant.answers >= 200
 
 
-@pytest.mark.parametrize('output', ['override', 'pulses'])
-def test_current_is_held_against_a_disturbance(output):
-    plant = Plant(output=output).run(2.0)
+def test_current_is_held_against_a_disturbance():
+    plant = Plant().run(2.0)
     plant.disturbance = 0.95
     plant.run(10.0)
     assert plant.current == pytest.approx(STEEL.set_current(plant.feed), rel=0.007)
@@ -259,8 +201,8 @@ def test_a_control_that_starts_late_learns_the_operators_factors():
 
 def test_a_material_without_current_is_refused():
     with pytest.raises(ParameterError, match='er4043'):
-        HoldParams(value='current', material='er4043')
-    HoldParams(value='none', material='er4043')
+        ProcessControlParams(value='current', material='er4043')
+    ProcessControlParams(value='none', material='er4043')
 
 
 def test_exponents_and_values():

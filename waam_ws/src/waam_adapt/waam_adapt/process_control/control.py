@@ -10,18 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from waam_process.materials import CURRENT_EXPONENT
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR
 
-from .handwheel import Handwheel, PulseSettings
-from .params import HoldParams, reference
+from .params import ProcessControlParams, reference
 from .pid import Gains, VelocityPid
 
 STILL = 1e-3  # m/s, slower is standing
 STEADY = 0.05  # relative change of the travel speed within WINDOW that is no corner
 WINDOW = 0.1  # s
+PERIOD = 0.04  # s between two steps of the control
+FILTER = 0.05  # s, time constant of what is measured
+FACTOR_LOW, FACTOR_HIGH = 0.8, 1.25  # of what is asked for
 GAP = 0.2  # s of controller time without telemetry after which measurements begin anew
 KNOWN = 0.3  # s for which nothing was asked for: the override in telemetry is the operator's
 
@@ -46,18 +48,6 @@ class Factors(NamedTuple):
     wire: float = 1.0
 
 
-class Law(Protocol):
-    """From the relative error to the wanted relative value, 1 = as it is."""
-
-    output: float
-
-    def step(self, error: float, dt: float, low: float, high: float) -> float:
-        """The output after `dt` s, inside low .. high."""
-
-    def freeze(self) -> None:
-        """The output stays."""
-
-
 @dataclass
 class Status:
     """What the control does. `reason`: why it is frozen, '' = it acts."""
@@ -66,13 +56,6 @@ class Status:
     measured: float = math.nan
     reason: str = 'no arc'
     limited: bool = False
-
-
-def law_of(p: HoldParams) -> Law:
-    """PID, or the handwheel of the source."""
-    if p.output == 'pulses':
-        return Handwheel(PulseSettings())
-    return VelocityPid(Gains(p.kp, p.ki, p.kd))
 
 
 def exponent(value: str, keep_metal: bool) -> float:
@@ -85,9 +68,9 @@ def exponent(value: str, keep_metal: bool) -> float:
 class ProcessControl:
     """`add` takes every telemetry frame; `factors` is what is asked for."""
 
-    def __init__(self, params: HoldParams) -> None:
+    def __init__(self, params: ProcessControlParams) -> None:
         self.params, self.material, self.level = params, params.of_material, params.level
-        self.law = law_of(params)
+        self.law = VelocityPid(Gains(params.kp, params.ki))
         self.status = Status()
         self.factors = Factors()
         self.operator = Factors()
@@ -115,11 +98,11 @@ class ProcessControl:
         if not 0 < s.t - self._t < GAP:
             self._forget(s.t)
             self._asked = min(self._asked, s.t)
-            self._stepped = s.t - self.params.period
+            self._stepped = s.t - PERIOD
         self._filter(s)
-        if s.t - self._stepped < self.params.period - 1e-6:
+        if s.t - self._stepped < PERIOD - 1e-6:
             return None
-        dt = min(s.t - self._stepped, 2 * self.params.period)
+        dt = min(s.t - self._stepped, 2 * PERIOD)
         self._stepped = s.t
         self._step(s, dt)
         if self.factors != (1.0, 1.0):
@@ -135,7 +118,7 @@ class ProcessControl:
         self._means, self._speeds, self._lit = [], [], t
 
     def _filter(self, s: Sample) -> None:
-        p, before = self.params, self._t
+        before = self._t
         self._t = s.t
         own_speed, own_wire = (
             s.speed_override / self.operator.speed,
@@ -146,7 +129,7 @@ class ProcessControl:
             self._forget(s.t)
             return
         new = [s.current, s.voltage, s.speed, wanted_speed, wanted_feed]
-        share = 1.0 if not self._means else (s.t - before) / (p.filter + s.t - before)
+        share = 1.0 if not self._means else (s.t - before) / (FILTER + s.t - before)
         old = self._means or new
         self._means = [a + share * (b - a) for a, b in zip(old, new, strict=True)]
         self._speeds = [v for v in self._speeds if s.t - v[0] <= WINDOW] + [(s.t, wanted_speed)]
@@ -161,7 +144,7 @@ class ProcessControl:
             return 'the arc has just started'
         if s.speed < STILL:
             return 'the torch stands'
-        if s.t - self._unsteady < WINDOW + self.params.filter:
+        if s.t - self._unsteady < WINDOW + FILTER:
             return 'the travel speed changes'
         return ''
 
@@ -187,7 +170,7 @@ class ProcessControl:
 
     def _limits(self) -> tuple[float, float]:
         """Of the law's output: those of the factors, and of their product with the operator's."""
-        low, high = self.params.factor_min, self.params.factor_max
+        low, high = FACTOR_LOW, FACTOR_HIGH
         for moved, own, (least, most) in zip(
             self._moved(), self.operator, (SPEED_FACTOR, WIRE_FACTOR), strict=True
         ):

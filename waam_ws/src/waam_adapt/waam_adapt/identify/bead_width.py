@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 UNKNOWN = 0.10  # relative standard uncertainty of the table's width
 DRIFT = 0.012  # by which the ratio changes from layer to layer
 SCATTER = 0.015  # of the mean widths of layers laid alike, and of how they are measured
-LOW, HIGH = 0.6, 1.6  # ratios beyond this are a fault of the measurement
+MIN_RATIO, MAX_RATIO = 0.6, 1.6  # ratios beyond this are a fault of the measurement
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class WidthEstimate:
         """
         variance = self.sigma**2 + (DRIFT**2 if self.layers else 0.0)
         ratio = seen.width / seen.expected if seen.expected > 0 else math.nan
-        if not (LOW <= ratio <= HIGH and seen.u >= 0 and math.isfinite(seen.u)):
+        if not (MIN_RATIO <= ratio <= MAX_RATIO and seen.u >= 0 and math.isfinite(seen.u)):
             return replace(self, sigma=min(math.sqrt(variance), UNKNOWN))
         noise = (seen.u / seen.width) ** 2 + SCATTER**2
         gain = variance / (variance + noise)
