@@ -14,9 +14,16 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from waam_adapt import filters
 from waam_adapt.feed import feed_forward as ff
-from waam_adapt.laws.checks import MapOrigin, error_figures
+from waam_adapt.laws.checks import MapOrigin
 from waam_adapt.laws.corrector import CorrectionParams, Corrector
-from waam_adapt.types import MIN_GAIN, Correction, CorrectionInput, LastLayer, nothing
+from waam_adapt.types import (
+    MIN_GAIN,
+    Correction,
+    CorrectionInput,
+    LastLayer,
+    error_figures,
+    nothing,
+)
 from waam_lab.plants import CHOOSING, family_plant
 from waam_process import materials
 from waam_process.bead import AREA_FACTOR

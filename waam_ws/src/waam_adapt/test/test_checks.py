@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from waam_adapt.laws.checks import MapLimits, MapOrigin, error_figures, reasons_against
-from waam_adapt.types import CorrectionInput
+from waam_adapt.laws.checks import MapLimits, MapOrigin, reasons_against
+from waam_adapt.types import CorrectionInput, error_figures
 
 SHAPE = (40, 50)
 GOOD = MapOrigin(5.0, 'job', 'job', 3, 3, True)

@@ -18,8 +18,8 @@ from . import conversions as convert
 from .feed.feed_forward import Limits, Setpoints
 from .feed.feed_forward import compute as compute_setpoints
 from .feed.params import FeedParams
-from .laws.checks import error_figures
 from .thermal.compensator import Compensator
+from .types import error_figures
 
 if TYPE_CHECKING:  # the nodes that identify nothing start without SciPy
     from .laws.corrector import Corrector

@@ -239,3 +239,14 @@ class HeightRequest:
     held: (
         np.ndarray
     )  # share of the planned height in ratio that holds the level where nothing was seen
+
+
+def error_figures(request: CorrectionInput) -> tuple[float, float]:
+    """RMS and largest absolute height error over the footprint in m; NaN when nothing of it is
+    known.
+    """
+    error = request.error[request.footprint]
+    error = error[np.isfinite(error)]
+    if not error.size:
+        return float('nan'), float('nan')
+    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())

@@ -17,8 +17,8 @@ from waam_lab.cell import LabCell
 from waam_lab.job import LabJob
 from waam_lab.watch import LayerWatch
 from waam_node import job_folder
-from waam_plan.post.store import load_plan
-from waam_plan.read.level_metal import RATIO_HIGH
+from waam_plan.gcode.store import load_plan
+from waam_plan.import_gcode.level_metal import RATIO_HIGH
 from waam_process.segment import Kind, Segment
 
 

@@ -12,8 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..beads.features import middle
-from ..laws.checks import error_figures
-from ..types import CorrectionInput
+from ..types import CorrectionInput, error_figures
 from .layers import AskedLayer, Outcome, SeenLayer
 
 Z90 = 1.645  # of a normal distribution: 90 % lie within

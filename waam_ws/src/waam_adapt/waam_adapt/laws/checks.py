@@ -89,17 +89,6 @@ def _above(what: str, value: float, limit: float) -> list[str]:
     return [f'{what} {value * 1e3:.2f} mm, limit {limit * 1e3:.2f} mm']
 
 
-def error_figures(request: CorrectionInput) -> tuple[float, float]:
-    """RMS and largest absolute height error over the footprint in m; NaN when nothing of it is
-    known.
-    """
-    error = request.error[request.footprint]
-    error = error[np.isfinite(error)]
-    if not error.size:
-        return float('nan'), float('nan')
-    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-
-
 def safe_correct(
     law: CorrectionLaw, request: CorrectionInput, reasons: tuple[str, ...]
 ) -> Correction:
