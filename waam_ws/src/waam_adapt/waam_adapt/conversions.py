@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sensor_msgs.msg import Temperature
@@ -207,7 +207,7 @@ def correction_to_msg(
     outcome: Outcome | None = None,
 ) -> CorrectionMap:
     """The answer to a request: maps (rows, cols) of `spec`, metres and ratios as in CorrectionMap."""
-    told = {}
+    told: dict[str, Any] = {}
     if outcome is not None:
         told = {
             'expected_rms': outcome.rms,

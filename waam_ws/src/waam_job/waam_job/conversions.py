@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -176,7 +177,7 @@ def correction_request(job_id: str, r: CorrectionRequest, stamp: Time) -> Comput
     if math.isfinite(r.scan.stamp):
         stamp = time_to_msg(r.scan.stamp)
     measured = r.scan.handle or scan_to_msg(r.scan, job_id, r.layer - 1, stamp)
-    before = {}
+    before: dict[str, Any] = {}
     if r.previous_growth is not None and r.previous_surface is not None:
         before = {'previous_growth': r.previous_growth, 'previous_surface': r.previous_surface}
     return to_msg(

@@ -233,8 +233,7 @@ def test_another_arm_is_checked_too(plan):
     found = check(plan, params.make(overrides).robot_bridge)
     assert not found.refused and found.contacts == () and not found.unchecked
     said = '\n'.join(found.lines())
-    assert 'keep their distance' in said and 'pose errors bend a measured map' in said
-    assert any(name in said for name in ('base', 'shoulder', 'elbow', 'wrist'))
+    assert 'keep their distance' in said
 
 
 @pytest.mark.parametrize(

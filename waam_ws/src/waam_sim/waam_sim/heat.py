@@ -24,7 +24,9 @@ class HeatParams:
     cell: float = 4e-3  # edge of a heat cell [m]
     ambient: float = param(22.0, 'temperature of air and table', 'degC', -20.0, 60.0)
     initial: float = param(22.0, 'temperature of a newly clamped part', 'degC', -20.0, 600.0)
-    arc_efficiency: float = 0.80  # share of the electrical power that stays in the part
+    arc_efficiency: float = param(
+        0.80, 'share of the electrical power that stays in the part', '', 0.1, 1.0
+    )
     conductivity: float = param(42.0, 'of the metal', 'W/(m K)', 1.0, 400.0)
     heat_capacity: float = param(4.6e6, 'of the metal by volume', 'J/(m^3 K)', 1e6, 1e7)
     table_conductance: float = param(450.0, 'clamped contact to the table', 'W/(m^2 K)', 0.0, 2e4)

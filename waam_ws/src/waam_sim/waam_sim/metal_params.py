@@ -35,8 +35,10 @@ class MetalParams:
     power_ref: float = 2500.0  # electrical power at the reference point [W]
     speed_ref: float = 0.010  # travel speed at the reference point [m/s]
     power_exponent: float = 0.35  # d ln(width) / d ln(power)
-    speed_exponent: float = 0.65  # -d ln(width) / d ln(travel speed)
-    hot_width_per_k: float = 4e-4  # gain of width per kelvin above 150 degrees [1/K]
+    speed_exponent: float = param(0.65, '-d ln(width) / d ln(travel speed)', '', 0.0, 1.5)
+    hot_width_per_k: float = param(
+        4e-4, 'gain of width per kelvin above 150 degrees', '1/K', 0.0, 5e-3
+    )
     levelling: float = param(
         0.55, 'share of the relief below it that the melt evens out', '', 0.0, 1.0
     )
@@ -47,11 +49,15 @@ class MetalParams:
     slump_slope: float = param(4.0, 'steepest slope of fresh melt at 150 degrees', '', 0.6, 20.0)
     hot_slump_per_k: float = 6e-3  # loss of that slope per kelvin above 150 degrees [1/K]
     slump_rate: float = 0.05  # share of a cell that runs down per portion of melt
-    pool_lag: float = 0.45  # distance of the pool behind the arc, in bead widths
+    pool_lag: float = param(
+        0.45, 'distance of the pool behind the arc, in bead widths', '', 0.05, 2.0
+    )
     pool_lag_time: float = 1.0  # time in which a pool at rest flows under the arc [s]
-    start_narrowing: float = 0.15  # share of width that is missing at an arc start
+    start_narrowing: float = param(
+        0.15, 'share of width that is missing at an arc start', '', 0.0, 0.6
+    )
     start_length: float = 6e-3  # path on which the width comes up after a start [m]
-    crater_depth: float = 0.35  # depth of the end crater in bead heights
+    crater_depth: float = param(0.35, 'depth of the end crater in bead heights', '', 0.0, 1.0)
     area_noise_fixed: float = param(
         0.03, 'sigma of bead area that returns in every layer', '', 0.0, 0.3
     )

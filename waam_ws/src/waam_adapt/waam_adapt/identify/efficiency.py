@@ -53,7 +53,7 @@ class Efficiency:
         paths = asked.request.paths if asked else ()
         model = model_of(paths, layer.before.shape, layer.resolution, layer.bead_width)
         evidence = layer_evidence(layer, self.state.estimate.slope_on(model))
-        return evidence and SeenLayer(number, layer, evidence, model, asked)
+        return None if evidence is None else SeenLayer(number, layer, evidence, model, asked)
 
     def observe(self, seen: SeenLayer) -> None:
         """Ratio and exponent with one more layer."""

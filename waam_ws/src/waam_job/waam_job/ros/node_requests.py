@@ -10,8 +10,10 @@ from typing import Any
 from rclpy.action.server import ServerGoalHandle
 
 from waam_msgs.action import RunJob
+from waam_msgs.msg import JobStatus
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
+from waam_node.conversions import to_msg
 
 from .. import conversions as convert
 from ..model.goal import Checked, Code, JobError, JobGoal, check
@@ -109,5 +111,7 @@ class WithFeedback:
         """Publishes the status and sends it to the client of the action."""
         self._cell.status(status)
         feedback = RunJob.Feedback()
-        feedback.status = convert.status_to_msg(status, self._cell.node.get_clock().now().to_msg())
+        feedback.status = to_msg(
+            JobStatus, status, stamp=self._cell.node.get_clock().now().to_msg()
+        )
         self._handle.publish_feedback(feedback)
