@@ -148,6 +148,12 @@ def test_a_way_through_metal_is_refused_with_its_line():
         plan_program(read_program(far, OURS), S, HeightGrid.full(spec, 0.0))
 
 
+@pytest.mark.parametrize('heights', [(0, 0.2), (0, 2, 2.2, 4)])
+def test_layers_too_thin_for_metal_are_refused_with_their_line(heights):
+    with pytest.raises(PlanError, match=r'line \d+: layer \d lies 0.20 mm above the one before'):
+        plan_program(wall(heights), S, PLATE)
+
+
 def test_a_first_layer_in_the_air_is_refused():
     with pytest.raises(PlanError, match=r'line \d+: the first layer runs 8.0 mm above'):
         plan_program(wall((8, 10)), S, PLATE)

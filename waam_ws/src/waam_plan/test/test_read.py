@@ -228,6 +228,7 @@ BAD = {
     'work zero': ('G10 L2 P1 X0', 'line 1: G10'),
     'other work zero': ('G55', 'line 1: G55: there is one work zero'),
     'unknown M': ('M77', 'line 1: M77: means nothing in dialect waam'),
+    'of a slicer': ('M83', 'M83: means nothing in dialect waam; a program of a slicer\\? Then'),
     'stop': (LIT + 'M0', 'line 6: M0: a job does not stop'),
     'not a number': (LIT + 'G1 XNAN', "line 6: XNAN: cannot be read"),
     'infinite': (LIT + f'G1 X{"9" * 400}', 'line 6: X9+\\.\\.\\.: beyond'),

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from waam_plan.fill.path import Pieces
-from waam_plan.import_gcode.targets import Target
+from waam_plan.import_gcode.targets import MIN_THICKNESS, Target
 from waam_plan.layers.allocate import metal_heights
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
@@ -33,7 +33,7 @@ def levelled(
     pieces = _pieces(runs)
     if not len(pieces.bead) or not wanted.footprint.any():
         return runs
-    thick = float(np.clip(np.median(wanted.planned[wanted.footprint]), 0.3e-3, 5e-3))
+    thick = float(np.clip(np.median(wanted.planned[wanted.footprint]), MIN_THICKNESS, 5e-3))
     own = replace(settings, layer_height=thick)  # of this layer: it bounds what a piece may carry
     height = metal_heights(pieces, wanted.planned, wanted.footprint, spec, own)
     of_piece = iter(height.tolist())

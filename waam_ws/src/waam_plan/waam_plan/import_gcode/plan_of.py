@@ -58,6 +58,7 @@ def plan_program(
             for r, reach in zip(runs, _reaches(kept, runs, settings), strict=True)
         ]
         _check_ground(covers, kept, base)
+        _check_thickness(covers, kept)
         top = None if nominal is None else nominal.z
         last = _last(covers, runs, spec, settings)
         wanted = targets.targets_of(covers, base, top, settings, last)
@@ -205,6 +206,20 @@ def _check_ground(covers: list[targets.Cover], layers: list[Layer], base: np.nda
             f'{"above" if middle > 0 else "below"} the surface that it is laid on; shift the program or choose a '
             'dialect that takes its z otherwise (key `height`)'
         )
+
+
+def _check_thickness(covers: list[targets.Cover], layers: list[Layer]) -> None:
+    """A layer over another one is thick enough to be one of metal. PlanError with its line."""
+    for lower, upper, layer in zip(covers, covers[1:], layers[1:], strict=False):
+        both = lower.footprint & upper.footprint
+        if both.sum() <= 0.5 * min(lower.footprint.sum(), upper.footprint.sum()):
+            continue  # beside it
+        step = targets.thickness(lower, upper)
+        if step < targets.MIN_THICKNESS:
+            raise PlanError(
+                f'line {layer.beads[0].line}: layer {layer.number} lies {step * 1e3:.2f} mm above the one before; a '
+                f'layer of metal is at least {targets.MIN_THICKNESS * 1e3:.1f} mm thick'
+            )
 
 
 # ---- layers ----------------------------------------------------------------------------------

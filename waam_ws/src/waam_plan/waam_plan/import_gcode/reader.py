@@ -20,6 +20,7 @@ from waam_plan.import_gcode.motion import Motion, Program
 from waam_plan.import_gcode.words import Line, Passing, ProgramError, Word, read_lines, refuse
 from waam_process.segment import Point
 
+OF_SLICERS = ('M82', 'M83', 'M104', 'M106', 'M107', 'M109', 'M140', 'M190')
 LONGEST_DWELL = 3600.0  # s
 MOST_MOTIONS = 5_000_000
 
@@ -150,6 +151,8 @@ class _Reader:
                 self.ended = known = True
             if not known:
                 why = WHY_NOT.get(name, f'means nothing in dialect {self.dialect.name}')
+                if name in OF_SLICERS and not self.dialect.extruder:
+                    why += '; a program of a slicer? Then --dialect slicer'
                 raise refuse(words.number, word.text, why)
         return home
 

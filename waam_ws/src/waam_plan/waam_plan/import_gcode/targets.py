@@ -11,7 +11,7 @@ from waam_plan import masks
 from waam_plan.settings import MAX_LAYER_RATIO, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 
-LEAST = 0.3e-3  # m; a thinner remainder is no layer
+MIN_THICKNESS = 0.3e-3  # m; a thinner remainder is no layer
 OFF_GROUND = 3e-3  # m between the lowest layer and what lies there
 
 
@@ -68,7 +68,7 @@ def targets_of(
         own = cover.ground + height
         if nominal is not None:
             most = cover.ground + MAX_LAYER_RATIO * height
-            own = np.where((nominal <= most) & (nominal >= cover.ground + LEAST), nominal, own)
+            own = np.where((nominal <= most) & (nominal >= cover.ground + MIN_THICKNESS), nominal, own)
         after = np.where(cover.footprint & ~np.isfinite(after), own, after)
         tops.append(np.where(cover.footprint, after, np.nan))
         after = np.where(cover.footprint, cover.ground, after)
@@ -90,7 +90,7 @@ def thickness(lower: Cover, upper: Cover) -> float:
     if both.any():
         return float(np.median((upper.ground - lower.ground)[both]))
     if not (lower.footprint.any() and upper.footprint.any()):
-        return LEAST
+        return MIN_THICKNESS
     return float(np.nanmedian(upper.ground) - np.nanmedian(lower.ground))
 
 
@@ -103,7 +103,7 @@ def _from_below(covers: list[Cover], tops: list[np.ndarray], found: np.ndarray) 
         on = cover.footprint & np.isfinite(top)
         before = np.where(on & (laid | near), surface, np.nan)
         add = top - np.where(np.isfinite(before), before, cover.ground)
-        on &= add >= LEAST
+        on &= add >= MIN_THICKNESS
         out.append(
             Target(
                 on,
