@@ -45,9 +45,9 @@ def test_where_nothing_answers_little_is_believed_to_be_missing():
     model = bead_model(zigzag(), SIZE, W)
     end = (model.arc < 0.4 * W) & (model.growth(np.ones(len(model.first)), 0.0) > 0.3)
     deaf, true = (job(r, 24)[-1] for r in (0.0, 1.0))
-    assert abs(deaf.of(26, model)[end].mean()) < bead_bias.LEAST_MISSING + 0.02
+    assert abs(deaf.of(26, model)[end].mean()) < bead_bias.MIN_MISSING + 0.02
     assert true.of(26, model)[end].mean() > 0.4
-    assert deaf.fill == bead_bias.LEAST_FILL and true.fill == 1.0
+    assert deaf.fill == bead_bias.MIN_FILL and true.fill == 1.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -55,8 +55,8 @@ def test_where_nothing_answers_little_is_believed_to_be_missing():
 def test_no_plant_drives_it_beyond_its_limits(response, noise, seed):
     for bias in job(response, 8, seed, noise):
         assert 0 <= bias.response <= 1
-        assert bead_bias.LEAST_FILL <= bias.fill <= 1
-        most = max(bias.response, bead_bias.LEAST_MISSING) * bead_bias.MAX_MISSING
+        assert bead_bias.MIN_FILL <= bias.fill <= 1
+        most = max(bias.response, bead_bias.MIN_MISSING) * bead_bias.MAX_MISSING
         assert np.isfinite(bias.ends).all() and np.abs(bias.ends).max() <= 2 * most + 1
 
 

@@ -84,7 +84,7 @@ def test_sums_over_the_passes_are_those_of_their_definition():
         far = np.hypot(*(pieces.where - place).T) / WIDTH
         assert near[row, column] / WIDTH == pytest.approx(far.min())
         later = (pieces.run - pieces.run[nearest[row, column]]) / WIDTH
-        counts = far < plan_geometry.REACH
+        counts = far < plan_geometry.NEIGHBOURHOOD_WIDTHS
         beside = pieces.step * np.exp(-0.5 * (far / plan_geometry.NEIGHBOUR) ** 2)
         beside[~counts | (np.abs(later) <= plan_geometry.APART)] = 0.0
         wanted = (

@@ -30,7 +30,7 @@ from .rows import Told, all_rows
 from .surfaces import add_counts, add_surfaces
 from .values import mapping, number, text
 
-TOLD = (job_folder.JOB, job_folder.REPORT, job_folder.RECORDS, job_folder.STATUS)
+READ_FILES = (job_folder.JOB, job_folder.REPORT, job_folder.RECORDS, job_folder.STATUS)
 TRACK = (
     't', 'x', 'y', 'z', 'current', 'voltage', 'wire_feed', 'wire_feed_commanded', 'speed', 'temperature', 'arc',
     'layer',
@@ -65,7 +65,7 @@ def stamp_of(folder: Path) -> str:
 
 def _files(folder: Path) -> list[Path]:
     """What is ingested of a folder."""
-    fixed = [folder / n for n in (*TOLD, job_folder.TELEMETRY)]
+    fixed = [folder / n for n in (*READ_FILES, job_folder.TELEMETRY)]
     plans = sorted(folder.glob('plan*.npz'))
     found = [*fixed, *plans, *job_folder.map_files(folder), *job_folder.track_pieces(folder)]
     return [f for f in found if is_file(f)]

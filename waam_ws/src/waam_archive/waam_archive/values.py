@@ -6,7 +6,7 @@ import math
 from datetime import UTC, date, datetime
 from typing import Any
 
-LARGEST = 2**63 - 1
+MAX_INTEGER = 2**63 - 1
 
 
 def number(value: Any) -> float | None:
@@ -24,7 +24,7 @@ def integer(value: Any) -> int | None:
     """An int of 64 bits, or None."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > LARGEST:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > MAX_INTEGER:
         return None
     return value
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from waam_bringup.shared_memory import MOST_HELD, HeldPorts, clean, ports_of
+from waam_bringup.shared_memory import MAX_HELD, HeldPorts, clean, ports_of
 
 HOLD = (
     'import fcntl, sys, time; f = open(sys.argv[1], "w"); fcntl.flock(f, fcntl.LOCK_EX); '
@@ -128,8 +128,8 @@ def test_ports_of_the_dead_are_held_and_not_cleaned_away(tmp_path):
 
 
 def test_only_the_newest_dead_are_held(tmp_path):
-    locks, held = [port_lock(tmp_path, 7000 + i) for i in range(MOST_HELD + 2)], HeldPorts()
+    locks, held = [port_lock(tmp_path, 7000 + i) for i in range(MAX_HELD + 2)], HeldPorts()
     for lock in locks:
         held.hold([lock])
-    assert [taken(lock) for lock in locks] == [False] * 2 + [True] * MOST_HELD
+    assert [taken(lock) for lock in locks] == [False] * 2 + [True] * MAX_HELD
     held.close()

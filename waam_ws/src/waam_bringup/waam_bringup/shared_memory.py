@@ -22,7 +22,7 @@ from pathlib import Path
 PLACE = Path('/dev/shm')
 SEGMENT = re.compile(r'fastrtps_([0-9a-f]{16}|port[0-9]+)')
 PORT_LOCK = re.compile(r'fastrtps_port[0-9]+_el')
-MOST_HELD = 16  # dead nodes whose ports are held: with those of the living ones fewer than 32
+MAX_HELD = 16  # dead nodes whose ports are held: with those of the living ones fewer than 32
 YOUNG_S = 20.0  # a segment that is just being made may not be locked yet
 
 
@@ -66,7 +66,7 @@ def ports_of(pid: int) -> list[Path]:
 
 
 class HeldPorts:
-    """Ports of dead nodes, locked so that no successor takes them; the newest MOST_HELD."""
+    """Ports of dead nodes, locked so that no successor takes them; the newest MAX_HELD."""
 
     def __init__(self) -> None:
         self._held: deque[ExitStack] = deque()
@@ -80,7 +80,7 @@ class HeldPorts:
                 stack.callback(os.close, file)
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._held.append(stack)
-        while len(self._held) > MOST_HELD:
+        while len(self._held) > MAX_HELD:
             self._held.popleft().close()
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 TICK = 1e-3  # s
-NEAR = 1e-9  # mm
+SAME_PLACE = 1e-9  # mm
 
 
 @dataclass
@@ -34,7 +34,7 @@ class _Mover:
         braking = math.sqrt(root) - half if root > 0 else 0.0
         v1 = max(0.0, min(max(min(limit, braking), v0 - a * dt), v0 + a * dt))
         way = 0.5 * (v0 + v1) * dt
-        if way < left - NEAR:
+        if way < left - SAME_PLACE:
             self.left, self.speed = left - way, v1
             return dt, False
         at_end = math.sqrt(max(0.0, v0 * v0 + 2 * (v1 - v0) / dt * left))
@@ -54,7 +54,7 @@ def positions(
     mover = _Mover(acceleration, abs(stops[0]))
     while k < len(stops):
         dt = TICK
-        while dt > NEAR and k < len(stops):
+        while dt > SAME_PLACE and k < len(stops):
             used, done = mover.advance(speeds[k], dt)
             dt -= used
             if done:

@@ -17,14 +17,14 @@ from .evidence import EvidenceError
 
 GRID = 1e-3  # s, of the model
 SLOWEST = 0.021  # s between two frames: 100 Hz, one in two may be missing
-LEAST_STEPS = 4
+MIN_STEPS = 4
 STEP = 0.10  # change of the commanded wire speed that counts as a step, of its mean
 PLATEAU = 0.3  # s before and behind a step that its speed is taken from
 STRIKE = 1.0  # s after the arc has struck that do not count
 MISFIT = 0.25  # rms of what the model leaves over that of the steps
 SURE = 5e-3  # s, standard uncertainty of delay and lag
 RATIO = (0.8, 1.25)  # encoder over command
-LONGEST = (0.25, 0.5)  # s, delay and lag that the controller takes
+MAX_LEAD = (0.25, 0.5)  # s, delay and lag that the controller takes
 QUICKEST = 0.02  # s, shortest response that the feeder's acceleration allows
 SHARE = 0.3  # of the lag that is left as response
 
@@ -58,14 +58,14 @@ class Lead:
     @property
     def response(self) -> float:
         """s, that the controller leads the lag down to; with no more lag than that it does not lead."""
-        return float(np.clip(SHARE * self.lag, QUICKEST, LONGEST[0]))
+        return float(np.clip(SHARE * self.lag, QUICKEST, MAX_LEAD[0]))
 
     def settings(self) -> list[tuple[str, float]]:
         """What the controller is told. The response first: a long lead must not meet a short one of before."""
         found = {
             'wire_response_s': self.response,
-            'wire_delay_s': min(max(self.delay, 0.0), LONGEST[0]),
-            'wire_lag_s': min(self.lag, LONGEST[1]),
+            'wire_delay_s': min(max(self.delay, 0.0), MAX_LEAD[0]),
+            'wire_lag_s': min(self.lag, MAX_LEAD[1]),
         }
         return [(name, round(value, 4)) for name, value in found.items()]
 
@@ -78,9 +78,9 @@ def identify(record: WireRecord, reading: float = 0.0) -> Lead:
     commanded, measured = record.commanded, record.measured
     grid = np.arange(0.0, at[-1] + GRID, GRID)
     count = steps_of(at, commanded, used)
-    if count < LEAST_STEPS:
+    if count < MIN_STEPS:
         text = f'{count} steps of the wire speed of {100 * STEP:g} % and more while the arc burns'
-        raise EvidenceError(f'{text}, {LEAST_STEPS} at least: lay the bead of --program')
+        raise EvidenceError(f'{text}, {MIN_STEPS} at least: lay the bead of --program')
 
     def modelled(p: np.ndarray) -> np.ndarray:
         return p[2] * follow(at, commanded, grid, p[0] + reading, p[1])
@@ -91,7 +91,7 @@ def identify(record: WireRecord, reading: float = 0.0) -> Lead:
     scale = float(np.std(measured[used]))
     if not scale > 0:
         raise EvidenceError('the encoder always reads the same: is it connected?')
-    bounds = ([-reading, 1e-3, 0.3], [2 * LONGEST[0], 2 * LONGEST[1], 3.0])
+    bounds = ([-reading, 1e-3, 0.3], [2 * MAX_LEAD[0], 2 * MAX_LEAD[1], 3.0])
     tries = [
         least_squares(off, [delay, lag, 1.0], bounds=bounds, x_scale=[0.01, 0.01, 0.1])
         for delay, lag in ((0.02, 0.05), (0.08, 0.15))

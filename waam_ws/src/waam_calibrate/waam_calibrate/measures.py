@@ -14,8 +14,8 @@ from waam_plan.gcode.skew import SkewError, angles_from_diagonals
 from .evidence import EvidenceError
 from .results import STEPS, Result
 
-LEAST_MEASURED = 3  # measurements of one thing
-SHORTEST = 50.0  # mm of travel, or of the longest side of a frame
+MIN_MEASURED = 3  # measurements of one thing
+MIN_TRAVEL = 50.0  # mm of travel, or of the longest side of a frame
 SCALE_SURE = 5e-4  # standard uncertainty of a scale
 SCALE_MOST = 0.05  # a larger error is a typing error or the wrong motor setting
 SKEW_MOST = 4.0  # deg; a larger one is a typing error
@@ -43,13 +43,13 @@ def steps(
 
     commanded, measured (n,) mm: travels, always in the same direction. With more than one length, play and zero of the
     gauge cancel out (`offset_mm`); steps_per_mm: of the controller now."""
-    x = _numbers('commanded', commanded, LEAST_MEASURED)
-    y = _numbers('measured', measured, LEAST_MEASURED)
+    x = _numbers('commanded', commanded, MIN_MEASURED)
+    y = _numbers('measured', measured, MIN_MEASURED)
     if len(x) != len(y):
         raise EvidenceError(f'{len(x)} commanded and {len(y)} measured lengths: one for each')
-    if x.max() < SHORTEST:
+    if x.max() < MIN_TRAVEL:
         raise EvidenceError(
-            f'the longest travel is {x.max():g} mm, at least {SHORTEST:g} are needed'
+            f'the longest travel is {x.max():g} mm, at least {MIN_TRAVEL:g} are needed'
         )
     several = np.ptp(x) > 0.3 * x.max()
     columns = np.stack([x, np.ones_like(x)], axis=1) if several else x[:, None]
@@ -96,8 +96,10 @@ def skew(
         raise EvidenceError(
             f'the frame would be {x:g} x {y:.1f} mm: was a diagonal taken for a side?'
         )
-    if max(x, y) < SHORTEST:
-        raise EvidenceError(f'a frame of {x:g} x {y:.1f} mm is too small, {SHORTEST:g} mm at least')
+    if max(x, y) < MIN_TRAVEL:
+        raise EvidenceError(
+            f'a frame of {x:g} x {y:.1f} mm is too small, {MIN_TRAVEL:g} mm at least'
+        )
     try:
         angle = angles_from_diagonals(float(x), y, float(up), float(down))
     except SkewError as e:
@@ -129,8 +131,8 @@ def tool_point(widths: Sequence[float], slope: float, wire: float) -> Result:
     if not 0.1 <= wire <= 20.0:
         raise EvidenceError(f'a diameter of {wire:g} mm: 0.1 to 20 mm')
     t = np.asarray(widths, float)
-    if len(t) < LEAST_MEASURED:
-        raise EvidenceError(f'width: {len(t)} given, at least {LEAST_MEASURED} are needed')
+    if len(t) < MIN_MEASURED:
+        raise EvidenceError(f'width: {len(t)} given, at least {MIN_MEASURED} are needed')
     if not (np.isfinite(t).all() and (t >= 0).all()):
         raise EvidenceError('a step width is negative or no number')
     sine = math.sin(math.radians(slope))

@@ -7,7 +7,7 @@ import numpy as np
 from waam_robot.frames import wpr
 
 from . import results
-from .lead import LONGEST, Lead
+from .lead import MAX_LEAD, Lead
 from .resonance import Resonance
 from .results import LARGEST_TOOL, LARGEST_TURN, Result
 from .robot_fit import HandEye, Tool
@@ -45,7 +45,7 @@ def of_resonance(found: Resonance, sweep: Sweep) -> Result:
 
 def _acceleration(axis: str, proposed: float, limit: float) -> tuple[list[tuple[str, float]], str]:
     """The setting and the words for it; mm/s^2. No setting where the corner alone is smoothed too much."""
-    if proposed < results.LEAST_ACCEL:
+    if proposed < results.MIN_ACCEL:
         return [], f'acceleration left as it is (none keeps the smoothing below {SMOOTHING:g} mm)'
     told = round(min(proposed, limit), 3)
     words = (
@@ -98,8 +98,8 @@ def of_lead(found: Lead) -> Result:
         'misfit': found.misfit,
     }
     refuses = ''
-    if found.delay > LONGEST[0] or found.lag > LONGEST[1]:
-        most = f'{1e3 * LONGEST[0]:.0f} and {1e3 * LONGEST[1]:.0f} ms'
+    if found.delay > MAX_LEAD[0] or found.lag > MAX_LEAD[1]:
+        most = f'{1e3 * MAX_LEAD[0]:.0f} and {1e3 * MAX_LEAD[1]:.0f} ms'
         own = f'{1e3 * found.delay:.0f} and {1e3 * found.lag:.0f} ms'
         refuses = f'delay and lag of the wire are {own}, the controller leads at most {most}'
     text = (

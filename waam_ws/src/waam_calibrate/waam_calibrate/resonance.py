@@ -22,7 +22,7 @@ from .sweep import AXES, Sweep
 
 SEGMENT = 2.0  # s of a piece of the Welch estimate: bins of 0.5 Hz
 BAND = (5.0, 134.0)  # Hz that is looked at
-LEAST_SHARE = 0.9  # of the samples of the sweep that must be there
+MIN_SHARE = 0.9  # of the samples of the sweep that must be there
 CLIPPED = 1e-4  # share of the samples of the sweep at the end of the range
 STEEP = 6.0  # the highest gain over the median of them, squares: less is flat
 CLEAR = 5.0  # measured power over that at rest, at the peak
@@ -128,7 +128,7 @@ def _check(samples: Samples, sweep: Sweep) -> None:
     if not samples.rate > 2.5 * sweep.high:
         text = f'{samples.rate:g} samples/s are too few for {sweep.high:g} Hz'
         raise EvidenceError(f'{text}: at least {2.5 * sweep.high:g}')
-    wanted = LEAST_SHARE * sweep.duration * samples.rate
+    wanted = MIN_SHARE * sweep.duration * samples.rate
     if len(values) < wanted:
         text = f'too few samples: {len(values)} of {sweep.duration * samples.rate:.0f}'
         raise EvidenceError(f'{text}; was the sensor on during the whole sweep?')
@@ -138,7 +138,7 @@ def _check(samples: Samples, sweep: Sweep) -> None:
         )
     if not (np.isfinite(values).all() and np.isfinite(samples.rest).all()):
         raise EvidenceError('a sample is not a finite number')
-    if samples.lost > (1 - LEAST_SHARE) * len(values):
+    if samples.lost > (1 - MIN_SHARE) * len(values):
         raise EvidenceError(
             f'{samples.lost} samples were lost on the way, {len(values)} came: look at the link'
         )

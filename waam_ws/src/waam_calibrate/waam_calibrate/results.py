@@ -19,12 +19,12 @@ KINDS = {
     'robot-tcp': ('',), 'hand-eye': ('',),
 }  # fmt: skip
 GONE = ('arc',)  # kinds of older versions: their results count no more
-TOLD = 6e-4  # by how much a setting may differ from what was told: it travels rounded
+SETTING_ROUNDING = 6e-4  # by how much a setting may differ from what was told: it travels rounded
 OLD = timedelta(days=365)
 LARGEST_SCALE = 0.005  # real over commanded length less 1
 STEPS = 'steps_per_mm_'  # settings of the controller, and the axis
 ACCEL = 'max_accel_'  # the same, mm/s^2
-LEAST_ACCEL = 50.0  # mm/s^2 that the controller takes
+MIN_ACCEL = 50.0  # mm/s^2 that the controller takes
 LARGEST_TOOL = 1e-3  # m: tip or scanner of a robot from where its programs have it
 LARGEST_TURN = math.radians(0.5)  # of the scanner
 LARGEST_WIRE = 0.05  # counts per mm over those of the controller less 1
@@ -185,7 +185,7 @@ def missing(results: Iterable[Result], told: Mapping[str, float]) -> list[str]:
         f'{r.name}: {name} is {told[name]:g} in the controller, {value:g} was found (waam calibrate apply)'
         for _, r in sorted(newest(results).items())
         for name, value in dict(r.settings).items()  # the last of each name counts
-        if name in told and abs(told[name] - value) > TOLD
+        if name in told and abs(told[name] - value) > SETTING_ROUNDING
     ]
 
 

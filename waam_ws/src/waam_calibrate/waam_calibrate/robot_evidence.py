@@ -21,7 +21,7 @@ from .evidence import EvidenceError
 JOINTS = ('j1', 'j2', 'j3', 'j4', 'j5', 'j6')
 POSE = ('x', 'y', 'z', 'w', 'p', 'r')
 POINT = ('pose', 'x_s', 'z_s')
-MOST_ROWS = 200_000
+MAX_ROWS = 200_000
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ def _table(text: str, also: tuple[str, ...]) -> tuple[list[str], np.ndarray]:
     if sorted(columns) not in [sorted(k) for k in kinds]:
         known = ' or '.join(f'"{", ".join(k)}"' for k in kinds)
         raise EvidenceError(f'line {lines[0][0]}: the columns must be {known}')
-    if len(lines) - 1 > MOST_ROWS:
-        raise EvidenceError(f'{len(lines) - 1} lines, at most {MOST_ROWS}: thin the profiles out')
+    if len(lines) - 1 > MAX_ROWS:
+        raise EvidenceError(f'{len(lines) - 1} lines, at most {MAX_ROWS}: thin the profiles out')
     rows = np.zeros((len(lines) - 1, len(columns)))
     for i, (n, line) in enumerate(lines[1:]):
         words = _words(line)

@@ -24,14 +24,14 @@ from waam_robot.uncertain import Flange, turns
 from .evidence import EvidenceError
 from .robot_evidence import Poses, Profiled
 
-LEAST_TOUCHES, LEAST_SCANS = 4, 6
+MIN_TOUCHES, MIN_SCANS = 4, 6
 TURN = np.radians(20.0)  # least spread of the orientations about the second of their axes
 SURE_TOOL, SURE_SCANNER = 1.0e-3, 1.0e-3  # m, 95 % interval of a coordinate
 SURE_ANGLE = np.radians(0.5)  # 95 % interval of an angle of the scanner
 INTERVAL = 1.96  # standard deviations of a 95 % interval
 TOO_FAR = 4.0  # standard deviations at which a touch is doubted; m where fitted points are left out
 PER_POSE = 60  # points of a pose that are used
-LEAST_POINTS = 12  # of a pose
+MIN_POINTS = 12  # of a pose
 AWAY = 0.05, np.radians(15.0)  # m, rad from the nominal mounting: no longer this scanner
 MISFIT = 3.0  # residuals over what noise and stated errors explain
 
@@ -103,8 +103,8 @@ class HandEye:
 def tool(poses: Poses, touch: float = 1e-4) -> Tool:
     """touch: m, standard deviation of one touch, each direction. EvidenceError for poor evidence."""
     n = len(poses.nominal)
-    if n < LEAST_TOUCHES:
-        raise EvidenceError(f'{n} touches, at least {LEAST_TOUCHES} are needed, 8 are good')
+    if n < MIN_TOUCHES:
+        raise EvidenceError(f'{n} touches, at least {MIN_TOUCHES} are needed, 8 are good')
     _check_turned(poses.nominal[:, :3, :3])
     r, p = poses.nominal[:, :3, :3], poses.nominal[:, :3, 3]
     both = np.concatenate([r, np.broadcast_to(-np.eye(3), (n, 3, 3))], axis=2).reshape(-1, 6)
@@ -128,8 +128,8 @@ def hand_eye(seen: Profiled, radius: float, nominal: np.ndarray, noise: float = 
     if not (np.isfinite(radius) and 2e-3 <= radius <= 0.2):
         raise EvidenceError(f'a sphere with a radius of {1e3 * radius:g} mm: 2 to 200 mm')
     n = len(seen.poses.nominal)
-    if n < LEAST_SCANS:
-        raise EvidenceError(f'{n} poses, at least {LEAST_SCANS} are needed, 12 are good')
+    if n < MIN_SCANS:
+        raise EvidenceError(f'{n} poses, at least {MIN_SCANS} are needed, 12 are good')
     _check_turned(seen.poses.nominal[:, :3, :3])
     points, of = _thinned(seen)
     x = np.concatenate([np.zeros(6), _centre(seen.poses.nominal, nominal, points, of, radius)])
@@ -253,9 +253,9 @@ def _thinned(seen: Profiled) -> tuple[np.ndarray, np.ndarray]:
     keep = []
     for n, number in enumerate(seen.poses.numbers):
         own = np.flatnonzero(seen.of == n)
-        if len(own) < LEAST_POINTS:
+        if len(own) < MIN_POINTS:
             raise EvidenceError(
-                f'pose {number}: {len(own)} points on the sphere, at least {LEAST_POINTS} are needed'
+                f'pose {number}: {len(own)} points on the sphere, at least {MIN_POINTS} are needed'
             )
         keep.append(own[np.linspace(0, len(own) - 1, min(len(own), PER_POSE)).astype(int)])
     index = np.concatenate(keep)

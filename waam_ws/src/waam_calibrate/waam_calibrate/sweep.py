@@ -3,7 +3,8 @@
 Every half period is one move from rest to rest within the acceleration of the axis; its speed is chosen so that it
 takes the half period. A move is as many whole steps of the motor as fit. Where not even one fits (above 100 Hz at 0.5
 m/s^2 and 320 steps per mm) it is the middle of a step: the motor makes its step on the way all the same, and the way is
-shorter. Less than LEAST of a step would be lost where the axis does not begin on one; so the lines end at 134 Hz.
+shorter. Less than MIN_STEP_SHARE of a step would be lost where the axis does not begin on one; so the lines end at 134
+Hz.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from waam_process.segment import Kind, Point, Segment
 from .execution import TICK, positions
 
 AXES = ('x', 'y')
-LEAST = 0.55  # of a step that a move is at least
+MIN_STEP_SHARE = 0.55  # of a step that a move is at least
 STEPS_PER_MM = 320.0  # of the controller as shipped
 ACCELERATION = 500.0  # mm/s^2, the same
 
@@ -50,7 +51,7 @@ class Sweep:
     @property
     def top(self) -> float:
         """Frequency (Hz) of the last move."""
-        return min(self.high, math.sqrt(self.acceleration / (16 * LEAST * self.step)))
+        return min(self.high, math.sqrt(self.acceleration / (16 * MIN_STEP_SHARE * self.step)))
 
     @cached_property
     def moves(self) -> list[tuple[float, float, float]]:

@@ -18,12 +18,12 @@ from .lead import WireRecord
 
 THRESHOLD = 0.9  # of the source
 FAULT_TIME = 0.5  # s below the threshold until the controller stops
-LEAST_MEASURED = 3
-SHORTEST = 300.0  # mm of wire
+MIN_MEASURED = 3
+MIN_WIRE = 300.0  # mm of wire
 SURE = 5e-3  # standard uncertainty of the counts per mm
 WHEEL_OFF = 0.15  # counts against the geometry of the wheel
 MARGIN = 4.0  # standard deviations of normal feed above the threshold
-LEAST_WINDOWS = 10
+MIN_WINDOWS = 10
 SETTLED = 0.03  # change of the command within a window that still is steady feed
 
 
@@ -92,12 +92,12 @@ def calibrate(
     x, y = np.asarray(lengths, float), np.asarray(counts, float)
     if len(x) != len(y):
         raise EvidenceError(f'{len(x)} lengths and {len(y)} counts: one for each')
-    if len(x) < LEAST_MEASURED:
-        raise EvidenceError(f'length: {len(x)} given, at least {LEAST_MEASURED} are needed')
+    if len(x) < MIN_MEASURED:
+        raise EvidenceError(f'length: {len(x)} given, at least {MIN_MEASURED} are needed')
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (x > 0).all() and (y > 0).all()):
         raise EvidenceError('lengths and counts must be numbers above 0')
-    if x.min() < SHORTEST:
-        raise EvidenceError(f'{x.min():g} mm of wire are too short: {SHORTEST:g} mm at least')
+    if x.min() < MIN_WIRE:
+        raise EvidenceError(f'{x.min():g} mm of wire are too short: {MIN_WIRE:g} mm at least')
     each = y / x
     per_mm = float(y.sum() / x.sum())
     sigma = float(each.std(ddof=1)) / math.sqrt(len(x)) / per_mm
@@ -157,7 +157,7 @@ def normal_feed(record: WireRecord) -> Feed:
         ):
             ratios.append(float(record.measured[first:last].mean() / told.mean()))
         first = last
-    if len(ratios) < LEAST_WINDOWS:
+    if len(ratios) < MIN_WINDOWS:
         text = f'{len(ratios)} windows of {FAULT_TIME:g} s with steady feed in the record'
-        raise EvidenceError(f'{text}, {LEAST_WINDOWS} at least')
+        raise EvidenceError(f'{text}, {MIN_WINDOWS} at least')
     return Feed(np.array(ratios))

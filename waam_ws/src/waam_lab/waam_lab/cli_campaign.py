@@ -33,14 +33,14 @@ from .many import run_many, workers_for
 from .pieces import Pieces
 from .robot import urdf_settings
 
-MOST_SEEDS = 10_000
+MAX_SEEDS = 10_000
 
 
 def parse_seeds(text: str) -> list[int]:
     """'20' -> 1 .. 20; '3-6,11' -> these. ValueError says what is wrong."""
     wrong = ValueError(f"--seeds '{text}': a number N (1 .. N) or a list such as 3-6,11")
     if re.fullmatch(r'\d+', text):
-        seeds = list(range(1, int(text) + 1)) if int(text) <= MOST_SEEDS else []
+        seeds = list(range(1, int(text) + 1)) if int(text) <= MAX_SEEDS else []
     else:
         seeds = []
         for piece in text.split(','):
@@ -48,11 +48,11 @@ def parse_seeds(text: str) -> list[int]:
             if not found:
                 raise wrong
             first, last = int(found[1]), int(found[2] or found[1])
-            if not first <= last < first + MOST_SEEDS:
+            if not first <= last < first + MAX_SEEDS:
                 raise wrong
             seeds += range(first, last + 1)
-    if not 0 < len(seeds) <= MOST_SEEDS:
-        raise ValueError(f"--seeds '{text}': 1 to {MOST_SEEDS} jobs can be run")
+    if not 0 < len(seeds) <= MAX_SEEDS:
+        raise ValueError(f"--seeds '{text}': 1 to {MAX_SEEDS} jobs can be run")
     return list(dict.fromkeys(seeds))
 
 

@@ -20,8 +20,8 @@ from .job import LabJob, LabResult
 from .plants import random_plant
 
 FIRST_CELL = 9001  # seed of the first cell for choosing; reports are on other seeds
-LEAST_GAIN = 0.03  # a layout must have so much less RMS than the one that was asked for
-MOST_TIME = 1.25  # machine time, over that of the layout that was asked for
+MIN_GAIN = 0.03  # a layout must have so much less RMS than the one that was asked for
+MAX_TIME = 1.25  # machine time, over that of the layout that was asked for
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def row(trial: Trial, taken: Trial | None) -> list[str]:
 def best(trials: Sequence[Trial]) -> Trial:
     """The trial to take. The first one is the layout that was asked for.
 
-    It stays unless another one has less RMS by LEAST_GAIN within MOST_TIME. ValueError when no layout could be laid.
+    It stays unless another one has less RMS by MIN_GAIN within MAX_TIME. ValueError when no layout could be laid.
     """
     able = [t for t in trials if math.isfinite(t.mean('rms'))]
     if not able:
@@ -114,9 +114,9 @@ def best(trials: Sequence[Trial]) -> Trial:
     first = trials[0]
     if first not in able:
         return min(able, key=lambda t: t.mean('rms'))
-    most = MOST_TIME * first.mean('time')
+    most = MAX_TIME * first.mean('time')
     least = min((t for t in able if t.mean('time') <= most), key=lambda t: t.mean('rms'))
-    return least if least.mean('rms') <= (1 - LEAST_GAIN) * first.mean('rms') else first
+    return least if least.mean('rms') <= (1 - MIN_GAIN) * first.mean('rms') else first
 
 
 def options(job: LabJob, layout: Layout) -> list[str]:

@@ -22,7 +22,7 @@ NAME = 'stop'  # of the socket in the folder of the graph
 PIPE = '_now'  # behind the name of the socket: that of the pipe
 STOP, HOLD = b'S', b'P'
 OK = 'ok'
-LONGEST = 400  # bytes of an answer
+MAX_ANSWER_BYTES = 400  # bytes of an answer
 PATIENCE_S = 1.0
 
 
@@ -72,7 +72,7 @@ class Listener:
         """Never waits; nothing when nobody waits for it."""
         if whom:
             with suppress(OSError):
-                data = text.encode('utf-8', 'replace')[:LONGEST]
+                data = text.encode('utf-8', 'replace')[:MAX_ANSWER_BYTES]
                 self._socket.sendto(data, socket.MSG_DONTWAIT, whom)
 
     def close(self) -> None:
@@ -128,7 +128,7 @@ def reason(error: OSError) -> str:
 def read(waiting: socket.socket) -> str | None:
     """The answer that has come, '' = done; None while there is none."""
     try:
-        text = waiting.recv(LONGEST).decode('utf-8', 'replace')
+        text = waiting.recv(MAX_ANSWER_BYTES).decode('utf-8', 'replace')
     except (BlockingIOError, TimeoutError):
         return None
     except OSError as e:

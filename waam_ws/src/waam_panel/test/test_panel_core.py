@@ -375,7 +375,9 @@ def test_maps_survive_the_way_to_the_page_and_are_thinned():
     z = np.linspace(-1e-3, 2e-3, 600 * 300).reshape(300, 600)
     z[0, 0] = np.nan
     picture = pictures.height_map(GridSpec(-0.005, 0.01, 5e-4, 300, 600), z)
-    assert picture['cols'] <= pictures.LARGEST and picture['cell'] == pytest.approx(1.5e-3)
+    assert picture['cols'] <= pictures.MAX_PICTURE_CELLS and picture['cell'] == pytest.approx(
+        1.5e-3
+    )
     values = np.frombuffer(base64.b64decode(picture['data']), '<i2')
     values = values.reshape(picture['rows'], picture['cols'])
     assert values[0, 0] == pictures.UNKNOWN

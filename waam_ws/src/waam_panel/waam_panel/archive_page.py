@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FILTERS = ('part', 'material', 'wire_lot', 'operator', 'verdict', 'loop_mode')
 SHOWN = 60  # rows of the table
 POINTS = 300  # newest points of the chart
-LONGEST = 80  # letters of a filter
+MAX_FILTER_LENGTH = 80  # letters of a filter
 COLUMNS = (
     'job', 'created', 'part', 'material', 'operator', 'wire_lot', 'verdict', 'rms_mm', 'share_in_tolerance', 'metal_kg',
 )  # fmt: skip
@@ -50,7 +50,7 @@ class ArchivePage:
 
         figure = asked.get('figure') or 'rms'
         if figure not in METRICS:
-            raise QuestionError(f'there is no figure {figure[:LONGEST]!r}')
+            raise QuestionError(f'there is no figure {figure[:MAX_FILTER_LENGTH]!r}')
         chosen = selection(asked)
         with self._lock:
             archive = self._archive = self._archive or Archive(self.folder / 'archive')
@@ -92,9 +92,9 @@ def selection(asked: Mapping[str, str]) -> Selection:
     """Filters of a request. A text without * and ? is looked for anywhere. Raises QuestionError."""
     from waam_archive.selection import NONE, Selection, SelectionError, moment
 
-    long = [n for n in (*FILTERS, 'since') if len(asked.get(n, '')) > LONGEST]
+    long = [n for n in (*FILTERS, 'since') if len(asked.get(n, '')) > MAX_FILTER_LENGTH]
     if long:
-        raise QuestionError(f'{long[0]}: longer than {LONGEST} letters')
+        raise QuestionError(f'{long[0]}: longer than {MAX_FILTER_LENGTH} letters')
     texts = {}
     for name in FILTERS:
         text = asked.get(name, '').strip()

@@ -22,7 +22,7 @@ VIA = 'panel'
 NOBODY = 'nobody'
 BEFORE_S = 6.0  # that a command waits for its entry
 AFTER_S = 0.5  # that the answer to what has been done waits for its entry
-MOST = 200  # entries that wait
+MAX_WAITING_ENTRIES = 200  # entries that wait
 
 
 class AuditFailure(RuntimeError):
@@ -44,8 +44,8 @@ def _begin(
             log.write(what, name, VIA, outcome=outcome, role=role, **more)
 
         try:
-            if cell.entries >= MOST:
-                raise OSError(0, f'{MOST} entries wait already')
+            if cell.entries >= MAX_WAITING_ENTRIES:
+                raise OSError(0, f'{MAX_WAITING_ENTRIES} entries wait already')
             cell.entries += 1
             try:
                 await cell.beside.thread(AUDIT, put)

@@ -12,7 +12,7 @@ import re
 from typing import Any
 
 BLANKS = ' \t\u00a0\u202f'
-LONGEST = 40
+MAX_NUMBER_LENGTH = 40
 _NUMBER = re.compile(r'([+\-\u2212]?)([0-9]*)(?:([.,])([0-9]+))?')
 _THOUSANDS = re.compile(r'[+\-\u2212]?[1-9][0-9]{0,2}[.,][0-9]{3}')
 _UNIT = re.compile(r'[^0-9.,+\-\u2212 \t\u00a0\u202f][^0-9]*$')
@@ -35,7 +35,7 @@ def _plain(text: str, unit: str) -> tuple[float, float | None]:
     said, inner = shown(text), text.strip(BLANKS)
     if not inner:
         raise NumberRefused('empty: a number is wanted')
-    if len(inner) > LONGEST:
+    if len(inner) > MAX_NUMBER_LENGTH:
         raise NumberRefused(f'{said} is too long for a number')
     if found := _UNIT.search(inner):
         if not unit or found[0] != unit:
@@ -90,4 +90,4 @@ def shown(value: Any) -> str:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**15:
         return 'a number of more than 15 digits'
     text = repr(value)
-    return text if len(text) <= LONGEST else f'{text[:LONGEST]} ...'
+    return text if len(text) <= MAX_NUMBER_LENGTH else f'{text[:MAX_NUMBER_LENGTH]} ...'

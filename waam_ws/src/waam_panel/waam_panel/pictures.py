@@ -9,7 +9,7 @@ import numpy as np
 
 from waam_process.grid import GridSpec
 
-LARGEST = 220  # cells along one side
+MAX_PICTURE_CELLS = 220  # cells along one side
 UNKNOWN = -32768
 STRIP_POINTS = 20_000
 
@@ -21,7 +21,7 @@ def encode_map(
 
     low, high: ends of the colour scale, same unit as z. Large maps are thinned (every n-th cell).
     """
-    step = max(1, int(np.ceil(max(z.shape) / LARGEST)))
+    step = max(1, int(np.ceil(max(z.shape) / MAX_PICTURE_CELLS)))
     thin = z[::step, ::step]
     known = np.isfinite(thin)
     values = np.where(known, np.clip(np.nan_to_num(thin) * scale, -32767, 32767), UNKNOWN)

@@ -20,7 +20,7 @@ from .worker import work
 
 DIALECTS = (DEFAULT, *(n for n in shipped() if n != DEFAULT))
 SHIFT_MM = 1000.0
-LONGEST = 80
+MAX_NAME_LENGTH = 80
 
 
 class ProgramRefused(ValueError):
@@ -60,8 +60,8 @@ def parse_choice(data: Mapping[str, Any], materials: tuple[str, ...]) -> Program
     values: dict[str, Any] = {}
     for name in ('program', 'dialect', 'nominal', 'material', 'loop_mode', 'operator_name'):
         value = data.get(name, '')
-        if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
-            problems.append(f'{name}: must be a line of at most {LONGEST} characters')
+        if not isinstance(value, str) or len(value) > MAX_NAME_LENGTH or not value.isprintable():
+            problems.append(f'{name}: must be a line of at most {MAX_NAME_LENGTH} characters')
         elif value and name in choices and value not in choices[name]:
             problems.append(f'{name}: {value!r} is not one of {", ".join(choices[name])}')
         elif value:

@@ -95,7 +95,7 @@ LIMITS = {  # 0 is allowed besides where 0 means 'default'
 }
 DEFAULTED = ('layer_height_mm', 'bead_width_mm')
 CHOICES = {'mode': MODES, 'loop_mode': LOOP_MODES}
-LONGEST = 80
+MAX_TEXT_LENGTH = 80
 
 
 def parse(data: Mapping[str, Any], materials: tuple[str, ...]) -> JobSetup:
@@ -136,8 +136,8 @@ def _field(name: str, value: Any, default: Any, materials: tuple[str, ...]) -> A
 
 
 def _text(name: str, value: Any, choices: tuple[str, ...]) -> str:
-    if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
-        raise FormError(f'{name}: must be a line of at most {LONGEST} characters')
+    if not isinstance(value, str) or len(value) > MAX_TEXT_LENGTH or not value.isprintable():
+        raise FormError(f'{name}: must be a line of at most {MAX_TEXT_LENGTH} characters')
     if choices and value not in choices:
         raise FormError(f'{name}: {value!r} is not one of {", ".join(choices)}')
     return value.strip()

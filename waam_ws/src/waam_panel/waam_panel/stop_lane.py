@@ -170,7 +170,9 @@ async def stop(path: str) -> str:
     loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(ANSWER_S):
-            text = (await loop.sock_recv(waiting, stop_socket.LONGEST)).decode('utf-8', 'replace')
+            text = (await loop.sock_recv(waiting, stop_socket.MAX_ANSWER_BYTES)).decode(
+                'utf-8', 'replace'
+            )
     except TimeoutError:
         return f'the bridge did not answer within {ANSWER_S:g} s'
     except OSError as e:

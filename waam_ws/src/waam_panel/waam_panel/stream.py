@@ -23,7 +23,7 @@ from .security import COOKIE, Denied
 
 FRAME_S = 0.2
 PATIENCE_S = 10.0  # a page that takes no frame for so long is disconnected
-MOST_PAGES = 16
+MAX_PAGES = 16
 ALARMS = 4  # in a frame
 PIECE = 40  # samples of the past in a message
 
@@ -93,8 +93,8 @@ class _Line:
 async def _stream(request: web.Request) -> web.WebSocketResponse:
     cell: Cell = request.app[CELL]
     cell.guard.check_stream(request.headers, request.cookies.get(COOKIE, ''))
-    if cell.pages >= MOST_PAGES:
-        raise Denied(503, f'{MOST_PAGES} pages are open already')
+    if cell.pages >= MAX_PAGES:
+        raise Denied(503, f'{MAX_PAGES} pages are open already')
     socket = web.WebSocketResponse(autoping=False, max_msg_size=1024, compress=False)
     await socket.prepare(request)
     cell.pages += 1

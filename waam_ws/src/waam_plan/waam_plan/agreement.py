@@ -11,7 +11,9 @@ from waam_plan.settings import PlanSettings
 from waam_process.grid import HeightGrid
 
 UNKNOWN_LIMIT = 0.3  # share of the part's cells that may be missing in the scan
-MOST = 10e-3  # m, a cell that is farther off counts as this far: what is worn off must not decide
+MAX_DISTANCE = (
+    10e-3  # m, a cell that is farther off counts as this far: what is worn off must not decide
+)
 MISFIT = 2e-3  # m, mean distance below which nothing is asked
 BETTER = 0.3  # of the mean distance, for another way round to be the right one
 BARE = 0.5e-3  # m above the bottom of the part: nothing stands there
@@ -105,8 +107,8 @@ def _turned(found: np.ndarray, wanted: np.ndarray) -> str:
 
 
 def _distance(missing: np.ndarray) -> float:
-    """m, mean over the cells of the part, from the median: wear is no misfit. Not seen (NaN) counts as MOST."""
+    """m, mean over the cells of the part, from the median: wear is no misfit. Not seen (NaN) counts as MAX_DISTANCE."""
     if not np.isfinite(missing).any():
-        return MOST
+        return MAX_DISTANCE
     off = np.abs(missing - np.nanmedian(missing))
-    return float(np.minimum(np.nan_to_num(off, nan=MOST), MOST).mean())
+    return float(np.minimum(np.nan_to_num(off, nan=MAX_DISTANCE), MAX_DISTANCE).mean())

@@ -22,15 +22,15 @@ KIND = 'waam learned'
 DRIFT, OTHER_LOT = 0.015, 0.04
 FORGETTING = 0.7  # of what former jobs weigh, per job; other lot: a third of it
 OTHER_LOT_FORGETTING = 0.25
-MOST_SIGMAS = 3.0  # a job further off counts as this far
-LEAST_SIGMA = 5e-3
-MOST_JOBS = 1_000_000
-LONGEST = 200  # characters of a text
-MOST_BYTES = 65536
+MAX_SIGMAS = 3.0  # a job further off counts as this far
+MIN_SIGMA = 5e-3
+MAX_JOBS = 1_000_000
+MAX_TEXT_LENGTH = 200  # characters of a text
+MAX_BYTES = 65536
 
 LIMITS: dict[str, tuple[float, float]] = {
     'efficiency': (0.7, 1.3),
-    'efficiency_sigma': (LEAST_SIGMA, 0.3),
+    'efficiency_sigma': (MIN_SIGMA, 0.3),
     'weight': (0.0, 1.0 / (1.0 - FORGETTING) + 1e-9),
 }
 
@@ -83,14 +83,14 @@ class Learned:
     def after(self, taught: Taught, job_id: str) -> Learned:
         """With the job that started with this (`for_job`), by a scalar Kalman filter. What lies beyond `LIMITS` counts
         as the limit."""
-        prior, noise = self.efficiency_sigma**2, max(taught.efficiency_sigma, LEAST_SIGMA) ** 2
-        most = MOST_SIGMAS * math.sqrt(prior + noise)
+        prior, noise = self.efficiency_sigma**2, max(taught.efficiency_sigma, MIN_SIGMA) ** 2
+        most = MAX_SIGMAS * math.sqrt(prior + noise)
         gain = prior / (prior + noise)
         step = min(max(_limited('efficiency', taught.efficiency) - self.efficiency, -most), most)
         return replace(
             self,
-            jobs=min(self.jobs + 1, MOST_JOBS),
-            layers=min(self.layers + taught.layers, MOST_JOBS),
+            jobs=min(self.jobs + 1, MAX_JOBS),
+            layers=min(self.layers + taught.layers, MAX_JOBS),
             efficiency=_limited('efficiency', self.efficiency + gain * step),
             efficiency_sigma=_limited('efficiency_sigma', math.sqrt((1 - gain) * prior)),
             weight=_limited('weight', self.weight + 1.0),
@@ -118,7 +118,7 @@ def nothing(cell: str, material: str, regime: str) -> Learned:
 
 def plain(text: str) -> str:
     """What of a text may stand in a file."""
-    return ''.join(c for c in text if c.isprintable())[:LONGEST]
+    return ''.join(c for c in text if c.isprintable())[:MAX_TEXT_LENGTH]
 
 
 def regime_of(bead_width: float, layer_height: float) -> str:
@@ -129,8 +129,8 @@ def regime_of(bead_width: float, layer_height: float) -> str:
 def parse(text: str) -> Learned:
     """LearnedError names what is wrong: no JSON, another version, a field that is missing, unknown, of the wrong type
     or out of range, or a hash that does not fit."""
-    if len(text) > MOST_BYTES:
-        raise LearnedError(f'{len(text)} characters long, must be {MOST_BYTES} at most')
+    if len(text) > MAX_BYTES:
+        raise LearnedError(f'{len(text)} characters long, must be {MAX_BYTES} at most')
     try:
         data = json.loads(text, parse_constant=_no_constant)
     except (ValueError, RecursionError, MemoryError) as e:
@@ -160,14 +160,14 @@ def parse(text: str) -> Learned:
 
 def _checked(name: str, kind: str, value: Any) -> Any:
     if kind == 'str':
-        if not isinstance(value, str) or len(value) > LONGEST or not value.isprintable():
-            raise LearnedError(f'{name} must be a printable text of {LONGEST} characters at most')
+        if not isinstance(value, str) or len(value) > MAX_TEXT_LENGTH or not value.isprintable():
+            raise LearnedError(
+                f'{name} must be a printable text of {MAX_TEXT_LENGTH} characters at most'
+            )
         return value
     if kind == 'int':
-        if type(value) is not int or not 0 <= value <= MOST_JOBS:
-            raise LearnedError(
-                f'{name} is {_short(value)}, must be a whole number 0 .. {MOST_JOBS}'
-            )
+        if type(value) is not int or not 0 <= value <= MAX_JOBS:
+            raise LearnedError(f'{name} is {_short(value)}, must be a whole number 0 .. {MAX_JOBS}')
         return value
     return _number(name, value)
 

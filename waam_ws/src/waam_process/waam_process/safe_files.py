@@ -26,7 +26,7 @@ TEXT_BYTES = 64 << 20  # of JSON, YAML and text
 ARRAY_BYTES = 1 << 30  # of all arrays of an npz file together, unpacked
 VALUES = 5_000_000  # of a JSON or YAML file, aliases followed
 DEEPEST = 200  # lists and mappings within each other
-LARGEST = 1 << 1023  # of a whole number: what a double holds
+MAX_INTEGER = 1 << 1023  # of a whole number: what a double holds
 MEMBERS = 1000  # arrays of an npz file
 Parsed = TypeVar('Parsed')
 
@@ -208,7 +208,7 @@ def _bounded(data: Any) -> Any:
     depth = 0
     while open_:
         value, done = open_.pop()
-        if isinstance(value, int) and abs(value) >= LARGEST:
+        if isinstance(value, int) and abs(value) >= MAX_INTEGER:
             raise ValueError('a whole number beyond a double')
         if not isinstance(value, dict | list | tuple | set) or (
             not done and sizes.get(id(value), 0) > 0

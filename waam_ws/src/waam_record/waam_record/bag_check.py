@@ -38,7 +38,7 @@ from mcap.records import (
 
 from waam_process.safe_files import FileError, Missing, opened, read_mapping
 
-from .salvage import BROKEN, FOOTER_SIZE, HEAD, LARGEST, MAGIC, decompressed, message_head
+from .salvage import BROKEN, FOOTER_SIZE, HEAD, MAGIC, MAX_CHUNK_BYTES, decompressed, message_head
 
 _KINDS: dict[int, Any] = {
     Opcode.HEADER: Header, Opcode.FOOTER: Footer, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
@@ -345,7 +345,7 @@ def _records(f: BinaryIO | BytesIO, size: int) -> Iterator[tuple[int, int, bytes
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    if chunk.uncompressed_size > LARGEST:
+    if chunk.uncompressed_size > MAX_CHUNK_BYTES:
         raise ValueError(f'a chunk claims {chunk.uncompressed_size} bytes')
     data = decompressed(chunk.compression, chunk.data, chunk.uncompressed_size)
     if len(data) != chunk.uncompressed_size:

@@ -31,7 +31,7 @@ _KINDS: dict[int, Any] = {
     SCHEMA: Schema, CHANNEL: Channel, MESSAGE: Message, METADATA: Metadata, FOOTER: Footer,
 }  # fmt: skip
 FOOTER_SIZE = 8 + 8 + 4
-LARGEST = 1 << 30  # bytes of a chunk, unpacked
+MAX_CHUNK_BYTES = 1 << 30  # bytes of a chunk, unpacked
 _CHUNK_TIMES = 8 + 8 + 8 + 4  # bytes of a chunk before the name of its compression
 
 
@@ -149,7 +149,7 @@ def _chunk_head(content: bytes) -> tuple[str, int, bytes]:
 def decompressed(compression: str, data: bytes, size: int) -> bytes:
     """The data of a whole chunk; size: what it becomes. Raises one of `BROKEN`."""
     if compression == 'zstd':
-        if size > LARGEST:
+        if size > MAX_CHUNK_BYTES:
             raise ValueError(f'a chunk claims {size} bytes')
         return zstandard.decompress(data, max_output_size=size)
     if compression == 'lz4':

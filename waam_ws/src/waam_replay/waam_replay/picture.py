@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Box = tuple[float, float, float, float]  # x from, to, y from, to
-MOST_LAYERS = 8  # rows; of longer jobs evenly chosen ones
+MAX_LAYERS = 8  # rows; of longer jobs evenly chosen ones
 
 
 def draw(result: Tuning, path: Path) -> bool:
@@ -29,7 +29,7 @@ def draw(result: Tuning, path: Path) -> bool:
     layers = [(x.number, x.psi, x.prediction) for x in result.layers if x.psi and x.prediction]
     if not layers:
         return False
-    chosen = sorted({round(i) for i in np.linspace(0, len(layers) - 1, MOST_LAYERS)})
+    chosen = sorted({round(i) for i in np.linspace(0, len(layers) - 1, MAX_LAYERS)})
     layers = [layers[i] for i in chosen]
     figure = Figure(figsize=(15, 0.9 + 2.1 * len(layers)), layout='constrained')
     axes = figure.subplots(len(layers), 4, squeeze=False, width_ratios=(1, 1, 1, 1.1))

@@ -19,7 +19,7 @@ from .frames import inverse
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
 from .plate_clearance import WANTED, PlateClearance
 from .positioner import Machine
-from .tilt import MOST, carriage
+from .tilt import MAX_TILT, carriage
 from .turning import Turning
 
 JOINTS = AXES + 2
@@ -129,9 +129,9 @@ class Station:
         if not all(a < b for a, b in zip(p.low, p.high, strict=True)):
             raise StationError(f'the box from {p.low} to {p.high} m is empty')
         self._origin = np.array(p.origin, float)
-        if not -MOST <= p.tilt <= MOST:
+        if not -MAX_TILT <= p.tilt <= MAX_TILT:
             raise StationError(
-                f'a tilt of {p.tilt / DEG:.1f} deg: at most {MOST / DEG:.0f} to both sides'
+                f'a tilt of {p.tilt / DEG:.1f} deg: at most {MAX_TILT / DEG:.0f} to both sides'
             )
         if p.tilt and not p.turning.still:
             raise StationError('a tilted part does not turn: its layers would not stay level')

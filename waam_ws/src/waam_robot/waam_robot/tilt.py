@@ -14,7 +14,7 @@ import numpy as np
 from .frames import rotation
 from .positioner import Positioner
 
-MOST = np.radians(100.0)
+MAX_TILT = np.radians(100.0)
 RAISED = (
     0.25,
     0.10,

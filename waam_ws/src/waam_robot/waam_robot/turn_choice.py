@@ -17,7 +17,9 @@ OVER = np.radians(
     [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0]
 )  # of C, from one end of the part to the other
 FINER = np.radians([-15.0, 0.0, 15.0])
-WORTH = 0.9  # share of the cost of standing still from which on turning is worth it
+MAX_TURNING_COST_SHARE = (
+    0.9  # share of the cost of standing still from which on turning is worth it
+)
 STEP, PLACES = 25e-3, 40  # m between the places that are looked at, and about how many
 TRIES = 8
 
@@ -55,7 +57,7 @@ def choose(place: Place, low: np.ndarray, high: np.ndarray) -> Choice:
     finer = [t for _, t, _ in found[:2] for t in _beside(t, size)]
     found = sorted([*found, *_sorted(place, path, iter(finer))], key=lambda f: f[0])
     for cost, turning, way in found[:TRIES]:
-        if still and cost > WORTH * still.cost:
+        if still and cost > MAX_TURNING_COST_SHARE * still.cost:
             break
         if _serves(replace(place, turning=turning)):
             return Choice(turning, way, still)

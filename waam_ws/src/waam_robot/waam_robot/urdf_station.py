@@ -18,15 +18,17 @@ from .station import StationError
 from .urdf_arm import UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
 
-CLOSE = 1e-9  # m and rad
-NEXT = 3e-6  # m and rad: from there one Newton step leads closer than CLOSE (its error grows with the square)
+POSE_TOLERANCE = 1e-9  # m and rad
+NEXT = 3e-6  # m and rad: from there one Newton step leads closer than POSE_TOLERANCE (its error grows with the square)
 SMOOTH = 0.05  # rad between places whose difference leads on to the next place
 STEPS, STEP_MAX = 40, 0.5  # Newton steps, and rad of a joint in one
 TINY = 1e-5  # rad and m, for slopes
 GRID = 50e-3  # m between the places of the box that are tried
-LEAST = 0.02  # smallest singular value of the Jacobian, m/rad: nearer to a singularity is not used
+MIN_SINGULAR_VALUE = (
+    0.02  # smallest singular value of the Jacobian, m/rad: nearer to a singularity is not used
+)
 SPINS, STARTS = 6, 8
-ENOUGH = 0.3  # share of a half range to every limit at which no other start is tried
+MIN_LIMIT_SHARE = 0.3  # share of a half range to every limit at which no other start is tried
 FLIP = 0.6  # rad between neighbouring places of the box
 
 
@@ -135,7 +137,7 @@ class UrdfStation:
                 failed = max(failed, (seen, said))
             elif margin > least:
                 best, least = (turn, middle), margin
-            if least > ENOUGH:
+            if least > MIN_LIMIT_SHARE:
                 break
         if best is None:
             raise StationError(f'the robot does not reach all of its box: {failed[1]}')
@@ -183,8 +185,8 @@ class UrdfStation:
             ]
         )
         return (
-            f'it is too near to a singularity ({size:.4f}, at least {LEAST})'
-            if size < LEAST
+            f'it is too near to a singularity ({size:.4f}, at least {MIN_SINGULAR_VALUE})'
+            if size < MIN_SINGULAR_VALUE
             else ''
         )
 
@@ -203,7 +205,7 @@ class UrdfStation:
             pose, jacobian = self._chain.pose_and_jacobian(q)
             off = np.concatenate([wanted - pose[:3, 3], _rotvec(self._turn @ pose[:3, :3].T)])
             missing = float(np.abs(off).max())
-            if missing < CLOSE:
+            if missing < POSE_TOLERANCE:
                 return q
             j = jacobian[:, self._moving]
             step = j.T @ np.linalg.solve(j @ j.T + 1e-10 * np.eye(6), off)

@@ -12,8 +12,8 @@ from .bodies import PART as PART_FRAME
 from .frames import rotation, translation, wpr
 from .positioner import Machine, Positioner
 
-LARGEST = 5_000_000  # bytes
-MOST_JOINTS = 60
+MAX_URDF_BYTES = 5_000_000  # bytes
+MAX_JOINTS = 60
 KINDS = ('revolute', 'continuous', 'prismatic', 'fixed')
 POSITIONER_JOINTS = ('tilt', 'turn')
 TORCH, PART = 'torch', 'part'
@@ -146,8 +146,8 @@ def check_urdf(data: bytes | str) -> str:
     finite origins, axes that are none, limits in order. What is drawn, masses and transmissions are not looked at.
     """
     raw = data.encode('utf-8', 'surrogatepass') if isinstance(data, str) else data
-    if len(raw) > LARGEST:
-        raise UrdfError(f'{len(raw)} bytes; at most {LARGEST}')
+    if len(raw) > MAX_URDF_BYTES:
+        raise UrdfError(f'{len(raw)} bytes; at most {MAX_URDF_BYTES}')
     checker = _Checker()
     try:
         checker.parser.Parse(raw, True)
@@ -208,8 +208,8 @@ class _Checker:
 
     def _begin_joint(self, values: dict[str, str]) -> None:
         self._named(values, 'joint', self.joints)
-        if len(self.joints) >= MOST_JOINTS:
-            raise self.fail(f'more than {MOST_JOINTS} joints')
+        if len(self.joints) >= MAX_JOINTS:
+            raise self.fail(f'more than {MAX_JOINTS} joints')
         self.joint = values['name']
         kind = values.get('type', '')
         if kind not in KINDS:

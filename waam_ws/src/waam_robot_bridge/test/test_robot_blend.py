@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waam_robot_bridge.blend import LONGEST, blended, corners, shape
+from waam_robot_bridge.blend import MAX_LEG_MS, blended, corners, shape
 
 SPEED, STEP = 10e-6, 3.125e-6  # m/ms, m of an axis
 HALF = 400  # ms
@@ -50,7 +50,7 @@ def test_a_corner_keeps_the_speed_and_the_tolerance(turn, heading, left, toleran
 def test_in_step_again_after_the_corner():
     path = commanded(np.pi / 2)
     found = blended(path, 2e-4)
-    for part in (slice(20, HALF - LONGEST - 30), slice(HALF + LONGEST + 30, None)):
+    for part in (slice(20, HALF - MAX_LEG_MS - 30), slice(HALF + MAX_LEG_MS + 30, None)):
         assert np.abs(found[part] - path[part])[:-20].max() < 2 * STEP
 
 

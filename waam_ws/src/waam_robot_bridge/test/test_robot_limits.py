@@ -12,7 +12,15 @@ from waam_robot.station import Station
 from waam_robot_bridge.blend import averaged
 from waam_robot_bridge.foresee import asked
 from waam_robot_bridge.goals import GoalError, make
-from waam_robot_bridge.limits import JUMP, LONGEST, SHORTEST, TORCH, Limits, of_axes, smoothing
+from waam_robot_bridge.limits import (
+    JUMP,
+    MAX_FILTER_MS,
+    MIN_FILTER_MS,
+    TORCH,
+    Limits,
+    of_axes,
+    smoothing,
+)
 from waam_robot_bridge.params import RobotParams
 
 AXES = ('a', 'b')
@@ -46,7 +54,7 @@ def test_an_averaged_path_keeps_the_jerk(jerk, gain, jump, before):
     try:
         smooth = smoothing(gains, held)
     except ParameterError:
-        assert gain * (2 * TORCH / LONGEST * 1e3 + JUMP / LONGEST**2 * 1e6) > jerk
+        assert gain * (2 * TORCH / MAX_FILTER_MS * 1e3 + JUMP / MAX_FILTER_MS**2 * 1e6) > jerk
         return
     t = np.arange(-300, 300) * 1e-3
     after = before - 2 * np.sign(before or 1.0)  # from +-A to -+A at most
@@ -55,7 +63,7 @@ def test_an_averaged_path_keeps_the_jerk(jerk, gain, jump, before):
     path = averaged(np.column_stack([way, way, way]), smooth)[:, :2] * gains
     inner = path[100:500]
     assert held.shares(inner, 1e-3)[:, 2].max() < 1.02
-    assert SHORTEST <= smooth <= LONGEST
+    assert MIN_FILTER_MS <= smooth <= MAX_FILTER_MS
 
 
 def test_weaker_drives_are_refused_with_joint_and_value(station):

@@ -16,14 +16,14 @@ import numpy as np
 
 LEG = 60  # ms on both sides of a place by which its turn is measured
 SMOOTH = 12  # ms to both sides of the average, where the drives need no more (`limits.smoothing`)
-LEAST, MOST = np.radians(12.0), np.radians(125.0)  # turns that are replaced
+MIN_TURN, MAX_TURN = np.radians(12.0), np.radians(125.0)  # turns that are replaced
 STRAIGHT = 8e-6  # m: a leg leaves its line by less than this
 LEVEL = 2e-5  # m: and its height too
 SPEED_OFF = 0.05  # both legs are as fast as each other but for this share
 SLOWEST = 1e-3  # m/s
 USUAL = 1.03  # length of a curve over that of its legs: what the core's slowing down adds
-SHORTEST = 0.3e-3  # m: of a leg
-LONGEST = 80  # ms of a leg: a goal shows whole corners before the robot comes to them
+MIN_LEG = 0.3e-3  # m: of a leg
+MAX_LEG_MS = 80  # ms of a leg: a goal shows whole corners before the robot comes to them
 GRID = np.linspace(-1.0, 1.0, 201)
 HIGHEST = 4.0  # rad: the greatest swing that is looked for
 
@@ -61,14 +61,14 @@ def averaged(tips: np.ndarray, smooth: int = SMOOTH) -> np.ndarray:
 
 
 def corners(tips: np.ndarray) -> list[Corner]:
-    """Places of (n, 3) where two straight, level legs of LEG ms meet at an angle between LEAST and MOST."""
+    """Places of (n, 3) where two straight, level legs of LEG ms meet at an angle between MIN_TURN and MAX_TURN."""
     flat = tips[:, :2]
     back, ahead = flat[LEG:-LEG] - flat[: -2 * LEG], flat[2 * LEG :] - flat[LEG:-LEG]
     cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
     turn = np.abs(np.arctan2(cross, np.einsum('ij,ij->i', back, ahead)))
     turn[np.minimum(np.hypot(*back.T), np.hypot(*ahead.T)) < SLOWEST * LEG * 1e-3] = 0.0
     found: list[Corner] = []
-    while turn.max(initial=0.0) > LEAST:
+    while turn.max(initial=0.0) > MIN_TURN:
         n = int(np.argmax(turn))
         made = _corner(tips, n + LEG)
         if made is not None:
@@ -87,7 +87,7 @@ def _corner(tips: np.ndarray, at: int) -> Corner | None:
     if a is None or b is None:
         return None
     turn = float(np.arccos(np.clip(a[1] @ b[1], -1, 1)))
-    if not LEAST < turn < MOST:
+    if not MIN_TURN < turn < MAX_TURN:
         return None
     along = np.linalg.solve(np.column_stack([a[1], -b[1]]), b[0] - a[0])
     return Corner(at, a[0] + along[0] * a[1], a[1], b[1], turn)
@@ -105,10 +105,10 @@ def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 def _replace(out: np.ndarray, path: np.ndarray, corner: Corner, tolerance: float) -> None:
     """Puts the curve around `corner` into `out` (n, 3) in place of `path` (n, 3); leaves it where that does not fit."""
     usual = _speed(path, corner.at - 2 * LEG, corner.at - LEG)
-    half = min(tolerance / shape(round(corner.turn, 3), USUAL)[1], LONGEST * usual)
+    half = min(tolerance / shape(round(corner.turn, 3), USUAL)[1], MAX_LEG_MS * usual)
     begin = _passes(path, corner, corner.before, -half)
     end = _passes(path, corner, corner.after, half)
-    if begin is None or end is None or half < SHORTEST:
+    if begin is None or end is None or half < MIN_LEG:
         return
     speeds = [_speed(path, begin - LEG, begin), _speed(path, end, end + LEG)]
     speed = float(np.mean(speeds))
@@ -139,7 +139,7 @@ def _passes(path: np.ndarray, corner: Corner, way: np.ndarray, at: float) -> flo
         return None
     n = int(inside[-1] if at < 0 else inside[0])
     between = slice(n, None) if at < 0 else slice(0, n + 1)
-    if off[between][np.abs(along[between]) > SHORTEST].max(initial=0.0) > STRAIGHT:
+    if off[between][np.abs(along[between]) > MIN_LEG].max(initial=0.0) > STRAIGHT:
         return None
     return float(side.start + n + (at - along[n]) / (along[n + 1] - along[n]))
 

@@ -16,18 +16,18 @@ from waam_robot.bead import at_ways, make_bead, way_along
 from waam_robot.station import Reach
 from waam_robot.timing import SHARE, TimingError, time_bead
 
-from .blend import LEAST, MOST, blended
+from .blend import MAX_TURN, MIN_TURN, blended
 from .limits import Limits, smoothing
 from .params import RobotParams
 
-TOLD = 0.01  # share of the programmed speed from which a difference is told
+SPEED_TOLERANCE = 0.01  # share of the programmed speed from which a difference is told
 WINDOW = 50  # ms over which the speed is measured
 EVERY = 5  # ms between the joints that are looked at
 SHARP = np.radians(45.0)  # a corner that counts more than a change of speed beside it
 STRAIGHT = np.cos(np.radians(1.0))  # pieces of a leg turn by less
 GAP = 0.5e-3  # m: places nearer to each other are one
 FULL = 0.98  # of SHARE, from which on a joint is taken to hold the torch up
-NEAR = 2.0e-3  # m to both sides in which the cause of a place is looked for
+CAUSE_RADIUS = 2.0e-3  # m to both sides in which the cause of a place is looked for
 CAUSES = START, END, STEP = ('start', 'end', 'the programmed speed changes')
 
 
@@ -119,7 +119,7 @@ def _asked(path: np.ndarray, station: Reach, limits: Limits) -> Asked:
 
 
 def places(bead: Bead, station: Reach, params: RobotParams) -> list[Place]:
-    """Where the speed at the part is off by more than TOLD, and where a drive is too weak for it, in order.
+    """Where the speed at the part is off by more than SPEED_TOLERANCE, and where a drive is too weak for it, in order.
 
     StationError where the arm does not reach.
     """
@@ -129,7 +129,7 @@ def places(bead: Bead, station: Reach, params: RobotParams) -> list[Place]:
     possible = _possible(bead, station, params) if (trace.used > 1).any() else None
     off = np.abs(trace.speed / trace.wanted - 1)
     moving = (trace.way > 1e-6) & (trace.way < trace.given[-1] - 1e-6)
-    wrong = ((off > TOLD) | (trace.used > 1)) & moving
+    wrong = ((off > SPEED_TOLERANCE) | (trace.used > 1)) & moving
     found = [_place(trace, off, a, b) for a, b in _stretches(wrong, trace.way)]
     return found if possible is None else [_slowed(p, bead, possible) for p in found]
 
@@ -146,14 +146,14 @@ def _possible(
         )
     except TimingError:
         return None
-    moving = (timed.way > NEAR / 2) & (timed.way < path.length - NEAR / 2)
+    moving = (timed.way > CAUSE_RADIUS / 2) & (timed.way < path.length - CAUSE_RADIUS / 2)
     return at_ways(path.way, path.points, timed.way[moving]), timed.speed[moving]
 
 
 def _slowed(place: Place, bead: Bead, possible: tuple[np.ndarray, np.ndarray]) -> Place:
     """The place with the least speed that is possible near it."""
     points, speed = possible
-    near = np.linalg.norm(points - bead.work_zero - place.at, axis=1) < NEAR
+    near = np.linalg.norm(points - bead.work_zero - place.at, axis=1) < CAUSE_RADIUS
     if not place.stops or not near.any():
         return place
     return replace(place, possible=float(speed[near].min()))
@@ -254,16 +254,18 @@ def _stretches(wrong: np.ndarray, way: np.ndarray) -> Iterator[tuple[int, int]]:
 
 def _cause(bead: Bead, given: np.ndarray, begin: float, end: float) -> str:
     """What the path has there."""
-    if begin < NEAR:
+    if begin < CAUSE_RADIUS:
         return START
-    if end > given[-1] - NEAR:
+    if end > given[-1] - CAUSE_RADIUS:
         return END
-    inner = np.flatnonzero((given[1:-1] > begin - NEAR) & (given[1:-1] < end + NEAR))
+    inner = np.flatnonzero(
+        (given[1:-1] > begin - CAUSE_RADIUS) & (given[1:-1] < end + CAUSE_RADIUS)
+    )
     ways = np.diff(bead.corners, axis=0) / np.maximum(_lengths(bead.corners), 1e-12)[:, None]
     turns = np.arccos(np.clip(np.einsum('ij,ij->i', ways[:-1], ways[1:]), -1, 1))
     turn = float(turns[inner].max(initial=0.0))
     changes = len(inner) and np.ptp(bead.speeds[[*inner, inner[-1] + 1]]) > 0
-    if turn > LEAST and not (changes and turn < SHARP):
+    if turn > MIN_TURN and not (changes and turn < SHARP):
         return _corner(bead, int(inner[np.argmax(turns[inner])]), turn, ways)
     if changes:
         return STEP
@@ -274,11 +276,11 @@ def _corner(bead: Bead, n: int, turn: float, ways: np.ndarray) -> str:
     """Why the robot takes no curve between the pieces n and n + 1."""
     said = f'a corner of {np.degrees(turn):.0f} deg'
     leg = _leg(bead, n, ways)
-    if turn > MOST:
-        return f'{said}: curves turn by {np.degrees(MOST):.0f} deg at most'
+    if turn > MAX_TURN:
+        return f'{said}: curves turn by {np.degrees(MAX_TURN):.0f} deg at most'
     if np.abs(ways[n : n + 2, 2]).max() > 1e-3:
         return f'{said} that climbs'
-    if leg < 2 * NEAR:
+    if leg < 2 * CAUSE_RADIUS:
         return f'{said} beside a leg of {leg * 1e3:.1f} mm, too short for a curve'
     return f'{said} into which no curve fits'
 

@@ -22,7 +22,7 @@ from .limits import Limits, of_axes
 STANDS = 1e-9  # m between two points
 POSTURE = 0.35  # rad (m) that an axis may be from where the goal begins: more is another posture
 SETTLED = 4  # points of a goal, until its axes are where they would be if they had always followed
-REACH = 0.5  # s from its start to its end at least: a JointTrajectoryController refuses one that has ended already
+MIN_GOAL_DURATION = 0.5  # s: a JointTrajectoryController refuses a goal that has ended already
 STOPPING = 0.4  # s at most that slowing down may take: 0.2 m/s at 0.5 m/s^2
 
 
@@ -120,11 +120,11 @@ def make(
 
 
 def _reaching(goal: Goal) -> Goal:
-    """The goal, held at its end until REACH, so that it is not over when it comes late or the clocks differ."""
-    if goal.time[-1] >= REACH:
+    """The goal, held at its end until MIN_GOAL_DURATION: it must not be over when it comes late."""
+    if goal.time[-1] >= MIN_GOAL_DURATION:
         return goal
     longer = [np.append(a, a[-1:], axis=0) for a in (goal.tips, goal.joints, goal.rates)]
-    return Goal(goal.start_us, np.append(goal.time, REACH), *longer)
+    return Goal(goal.start_us, np.append(goal.time, MIN_GOAL_DURATION), *longer)
 
 
 def _too_much(

@@ -20,7 +20,7 @@ TORCH = 0.5  # m/s^2, A: the core's acceleration (waam_firmware, core/machine/wa
 DEVIATION = 2e-5  # m, d: its junction deviation, which gives the speed v in a corner with an angle t between its legs:
 # v^2 = A d s / (1 - s), s = sin(t / 2); the jump is D = 2 v cos(t / 2) < sqrt(8 A d)
 JUMP = (8 * TORCH * DEVIATION) ** 0.5  # m/s
-SHORTEST, LONGEST = (
+MIN_FILTER_MS, MAX_FILTER_MS = (
     12,
     40,
 )  # ms, of T: less does not take out the steps of the core, more does not fit between corners
@@ -59,9 +59,9 @@ def smoothing(gains: np.ndarray, limits: Limits) -> int:
     """
     sharp = limits.jerk / np.maximum(gains, 1e-9)  # m/s^3 of the torch
     least = (TORCH + np.sqrt(TORCH**2 + JUMP * sharp)) / sharp  # 2 A / T + D / T^2 = sharp
-    ms = max(SHORTEST, int(np.ceil(1e3 * least.max())))
-    if ms > LONGEST:
-        longest = LONGEST * 1e-3
+    ms = max(MIN_FILTER_MS, int(np.ceil(1e3 * least.max())))
+    if ms > MAX_FILTER_MS:
+        longest = MAX_FILTER_MS * 1e-3
         _refuse('joint_jerk_max', int(least.argmax()), gains, 2 * TORCH / longest + JUMP / longest**2, limits.names,
                 'rad/s^3')  # fmt: skip
     push = TORCH + JUMP / (ms * 1e-3)

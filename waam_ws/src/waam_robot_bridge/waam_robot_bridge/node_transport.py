@@ -19,7 +19,7 @@ from .params import RobotParams
 from .station_file import station_of
 
 STEP_MS = 10
-MOST_STEPS = 100  # that are made up for at once
+MAX_STEPS = 100  # that are made up for at once
 IDLE = 0.02  # s
 # a simulated clock comes from the process of the joint states, and may be read before them:
 BEHIND_US = 50_000  # us that it may be ahead of those that are on their way
@@ -185,7 +185,7 @@ class RobotTransport:
 
     def _catch_up(self, controller: RobotController, rest: bytes) -> bytes:
         """Steps until ROS time is reached; hands the controller's lines over and returns the incomplete one."""
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             if controller.now_us + 1000 * STEP_MS > self._now_us():
                 break
             if self.simulated:

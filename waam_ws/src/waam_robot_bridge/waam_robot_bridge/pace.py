@@ -20,7 +20,7 @@ from waam_robot.bead import make_bead
 from waam_robot.station import Reach, StationError
 from waam_robot.timing import SHARE, TimingError, time_bead
 
-from .blend import LEAST
+from .blend import MIN_TURN
 from .limits import TORCH
 from .params import RobotParams
 
@@ -138,7 +138,7 @@ class Pacer:
 
 
 def _runs(segments: Sequence[Segment]) -> Iterator[list[int]]:
-    """Numbers of segments that follow each other without a stop or a corner of LEAST and more."""
+    """Numbers of segments that follow each other without a stop or a corner of MIN_TURN and more."""
     run: list[int] = []
     for n, s in enumerate(segments):
         if s.kind == Kind.DWELL or s.length <= 0:
@@ -158,4 +158,4 @@ def _goes_on(before: Segment, s: Segment) -> bool:
     if before.arc != s.arc or np.abs(np.subtract(before.end, s.start)).max() > 1e-5:
         return False
     a, b = (np.subtract(v.end, v.start) / v.length for v in (before, s))
-    return bool(a @ b > np.cos(LEAST))
+    return bool(a @ b > np.cos(MIN_TURN))

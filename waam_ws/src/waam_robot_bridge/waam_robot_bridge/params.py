@@ -23,7 +23,7 @@ LIMITS = ('joint_speed_max', 'joint_acceleration_max', 'joint_jerk_max')
 NAMES = ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6', 'tilt', 'turn')
 
 
-MOST_TURNING = 20.0  # rad/m
+MAX_TURNING = 20.0  # rad/m
 
 
 def turning_of(values: Sequence[float]) -> Turning:
@@ -125,9 +125,9 @@ class RobotParams(BridgeParams):
             raise ParameterError(
                 "parameter 'turning': only a level part before the M-20iB/25 turns, not a tilted one or another arm's"
             )
-        if not (abs(start) <= math.tau and max(map(abs, along)) <= MOST_TURNING):
+        if not (abs(start) <= math.tau and max(map(abs, along)) <= MAX_TURNING):
             raise ParameterError(
-                f"parameter 'turning' is {tuple(self.turning)}: at most a turn, and {MOST_TURNING:g} rad/m"
+                f"parameter 'turning' is {tuple(self.turning)}: at most a turn, and {MAX_TURNING:g} rad/m"
             )
         if self.known_posture and len(self.known_posture) != joints:
             got = len(self.posture)

@@ -8,9 +8,9 @@ from collections import deque
 from statistics import median
 
 KEPT = 50  # measurements
-ENOUGH = 5  # of them, to say anything
+MIN_SAMPLES = 5  # of them, to say anything
 LATE = 0.05  # s by which goals may take longer than `delay` to the driver
-APART = 0.1  # s that the clocks may differ by: goals reach `goals.REACH` s ahead
+APART = 0.1  # s that the clocks may differ by: goals reach `goals.MIN_GOAL_DURATION` s ahead
 WORTH_TELLING = 0.02  # s
 
 
@@ -33,12 +33,12 @@ class Timing:
     @property
     def answer(self) -> float:
         """s from sending a goal to its answer, median; 0 = too few are known."""
-        return median(self._answers) if len(self._answers) >= ENOUGH else 0.0
+        return median(self._answers) if len(self._answers) >= MIN_SAMPLES else 0.0
 
     @property
     def age(self) -> float:
         """s of joint states by their stamps, median; 0 = too few are known."""
-        return median(self._ages) if len(self._ages) >= ENOUGH else 0.0
+        return median(self._ages) if len(self._ages) >= MIN_SAMPLES else 0.0
 
     def problem(self) -> str:
         """Why no arc should be struck, '' = nothing."""

@@ -23,7 +23,7 @@ STRAIGHT = (
     6e-3,
     0.998,
 )  # m to either side within which the path must not turn, and cosine of what is no turn
-REACH = 1.05  # bead widths to either side that a section covers
+SECTION_WIDTHS = 1.05  # bead widths to either side that a section covers
 FOOT = 0.75  # bead widths from the path beyond which a free side shows no growth
 CAP = 0.25  # share of the crown's height above which cells belong to the section
 LOWEST = 0.3e-3  # m: lower crowns are no bead
@@ -92,7 +92,7 @@ def sections(
     if not len(rows):
         return None
     at, unit, width, block = rows[:, :2], rows[:, 2:4], rows[:, 4], rows[:, 5]
-    half = math.ceil(REACH * float(width.max()) / resolution)
+    half = math.ceil(SECTION_WIDTHS * float(width.max()) / resolution)
     across = resolution * np.arange(-half, half + 1)
     normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
     x, y = (at[:, i, None] + across * normal[:, i, None] for i in (0, 1))
@@ -155,7 +155,7 @@ def section_widths(
 
 def _free(share: np.ndarray, known: np.ndarray, grown: np.ndarray, top: np.ndarray) -> np.ndarray:
     """(n,) bool: nothing has grown beside the bead on the side of positive `share`."""
-    there = (share > FOOT) & (share < REACH)
+    there = (share > FOOT) & (share < SECTION_WIDTHS)
     seen = (there & known).sum(axis=1)
     much = (there & known & (np.abs(grown) > BESIDE * top[:, None])).sum(axis=1)
     return (seen >= 0.5 * there.sum(axis=1)) & (seen > 0) & (much <= 0.2 * seen)

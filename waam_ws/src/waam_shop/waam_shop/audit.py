@@ -17,9 +17,9 @@ from typing import Any
 from waam_process.rows import row_of
 
 FIRST = '0' * 64
-LONGEST = 200  # letters of a text in an entry
+MAX_TEXT_LENGTH = 200  # letters of a text in an entry
 LOOKED_AT = 2000  # letters of a text that are searched for secrets; the rest is cut off before
-MOST = 24  # values of one entry
+MAX_ENTRY_VALUES = 24  # values of one entry
 LARGEST = (
     2**63
 )  # from here on a whole number is told by its size: readers need not take longer ones
@@ -89,7 +89,7 @@ def hidden(data: Mapping[str, Any]) -> dict[str, Any]:
         key = _text(name)[:LOOKED_AT]
         told, key = HIDDEN if SECRET_NAMES.search(key) else _short(value), key[:40]
         room -= len(json.dumps({key: told}))
-        if len(kept) == MOST or room < 0:
+        if len(kept) == MAX_ENTRY_VALUES or room < 0:
             break
         kept[key] = told
     if len(kept) < len(data):
@@ -117,9 +117,13 @@ def _text(value: Any) -> str:
 
 
 def clean(text: str) -> str:
-    """Without tokens and addresses, cut to LONGEST with a mark where more followed."""
+    """Without tokens and addresses, cut to MAX_TEXT_LENGTH with a mark where more followed."""
     told = SECRET_TEXT.sub(HIDDEN, text[:LOOKED_AT])
-    return told if len(told) <= LONGEST and len(text) <= LOOKED_AT else told[: LONGEST - 1] + CUT
+    return (
+        told
+        if len(told) <= MAX_TEXT_LENGTH and len(text) <= LOOKED_AT
+        else told[: MAX_TEXT_LENGTH - 1] + CUT
+    )
 
 
 @dataclass

@@ -13,7 +13,7 @@ from waam_process.safe_files import FileError, parse_json
 FIRST = 'cell'  # name of the cell that has none
 NAME = re.compile(r'[a-z][a-z0-9_]{0,30}')
 FRESH_S = 5.0  # a cell that has told nothing for longer is silent
-LONGEST = 500  # letters of a text
+MAX_TEXT_LENGTH = 500  # letters of a text
 UP, SILENT, DOWN = 'up', 'silent', 'down'
 
 
@@ -80,5 +80,5 @@ def parse(name: str, text: str) -> CellStatus:
     for f in fields(CellStatus):
         value = data.get(f.name)
         if f.name in data and f.name != 'name' and fits(value, str(f.type)):
-            good[f.name] = value[:LONGEST] if isinstance(value, str) else value
+            good[f.name] = value[:MAX_TEXT_LENGTH] if isinstance(value, str) else value
     return CellStatus(name, **good)

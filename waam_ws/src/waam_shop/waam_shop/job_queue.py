@@ -21,8 +21,8 @@ OPEN = (WAITING, RELEASED, RUNNING)
 ENDED = (DONE, FAILED, ABORTED, INTERRUPTED)
 VERSION = 1
 KEPT = 50  # ended items that stay in the list
-MOST = 1000  # open items
-LONGEST = 300  # letters of a note
+MAX_OPEN_ITEMS = 1000  # open items
+MAX_NOTE_LENGTH = 300  # letters of a note
 
 
 class QueueError(ValueError):
@@ -77,8 +77,8 @@ class Queue:
 
     def add(self, setup: dict[str, Any], by: str, now: float, sha256: str = '') -> Queue:
         """A new item at the end; its id is `last`."""
-        if len(self.unfinished()) >= MOST:
-            raise QueueError(f'{MOST} items wait already')
+        if len(self.unfinished()) >= MAX_OPEN_ITEMS:
+            raise QueueError(f'{MAX_OPEN_ITEMS} items wait already')
         item = Item(self.last + 1, setup, WAITING, by, now, sha256)
         return Queue((*self.items, item), item.id)
 
@@ -116,7 +116,7 @@ class Queue:
         item = self.item(id)
         if item.state != RELEASED:
             raise QueueError(f'item {id} is {item.state}, not released')
-        return self._put(replace(item, state=WAITING, released_by='', note=note[:LONGEST]))
+        return self._put(replace(item, state=WAITING, released_by='', note=note[:MAX_NOTE_LENGTH]))
 
     # ---- what happens
 
@@ -130,18 +130,18 @@ class Queue:
     def tell(self, id: int, job: str = '', note: str = '') -> Queue:
         """Name of the job's folder, and what the item waits for."""
         item = self.item(id)
-        return self._put(replace(item, job=job or item.job, note=note[:LONGEST]))
+        return self._put(replace(item, job=job or item.job, note=note[:MAX_NOTE_LENGTH]))
 
     def back(self, id: int, note: str) -> Queue:
         """A start that the cell refused: the item waits again, without its release."""
         item = self._running(id)
-        return self._put(replace(item, state=WAITING, released_by='', note=note[:LONGEST]))
+        return self._put(replace(item, state=WAITING, released_by='', note=note[:MAX_NOTE_LENGTH]))
 
     def finish(self, id: int, state: str, note: str = '') -> Queue:
         """The end of a running item. state: one of ENDED. The oldest ended items are forgotten."""
         if state not in ENDED:
             raise QueueError(f'{state!r} is no end of a job')
-        queue = self._put(replace(self._running(id), state=state, note=note[:LONGEST]))
+        queue = self._put(replace(self._running(id), state=state, note=note[:MAX_NOTE_LENGTH]))
         ended = [i for i in queue.items if i.state in ENDED]
         gone = {i.id for i in ended[: max(0, len(ended) - KEPT)]}
         return replace(queue, items=tuple(i for i in queue.items if i.id not in gone))

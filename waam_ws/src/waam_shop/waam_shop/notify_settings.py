@@ -12,7 +12,7 @@ from .events import KINDS
 from .rate import Limits
 
 HIDDEN = '(hidden)'
-LONGEST = 2000  # letters of an address
+MAX_ADDRESS_LENGTH = 2000  # letters of an address
 KEYS = ('targets', 'per_hour', 'repeat_s', 'wire_m')
 EXAMPLE = """\
 # Addresses of apprise (https://github.com/caronc/apprise): mail, chat, webhook. They hold passwords: chmod 600.
@@ -105,7 +105,7 @@ def _target(number: int, row: Any) -> Target:
     name, url, events = row.get('name'), row.get('url'), row.get('events', list(KINDS))
     if not isinstance(name, str) or not name or len(name) > 40 or not name.isprintable():
         raise NotifyError(f'{where}: name must be a short text')
-    if not isinstance(url, str) or '://' not in url or len(url) > LONGEST:
+    if not isinstance(url, str) or '://' not in url or len(url) > MAX_ADDRESS_LENGTH:
         raise NotifyError(f'{where}: url must be an address of apprise, such as mailtos://...')
     if not isinstance(events, list) or not events or not all(e in KINDS for e in events):
         raise NotifyError(f'{where}: events must be some of {", ".join(KINDS)}')

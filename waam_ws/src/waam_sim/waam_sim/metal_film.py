@@ -18,8 +18,8 @@ from .metal import REFERENCE_TEMPERATURE
 from .pool import laid, make_advance, melted, touch
 
 STABLE = 0.2  # of D f/h dt/cell^2 in one step of the film
-MOST_STEPS = 24  # of the film for one portion
-REACH = 1.5  # bead heights below the pool from which on nothing carries it
+MAX_STEPS = 24  # of the film for one portion
+UNSUPPORTED_BEAD_HEIGHTS = 1.5  # bead heights below the pool from which on nothing carries it
 HOT_MOBILITY = 1.5e-3  # gain of mobility per kelvin above the reference
 WARM_PATH = 6e-3  # m on which the width comes up after a start
 EDGE_FLOW = 0.1  # share of the flow that goes where nothing is below
@@ -121,7 +121,7 @@ def _run(z, solid, touched, p, s, volume, duration, pressure, temperature, time)
                 near = (s.origin_x + (c0 + j + 0.5) * p.cell - s.pool_x) ** 2 + (
                     s.origin_y + (r0 + i + 0.5) * p.cell - s.pool_y
                 ) ** 2 <= 0.1 * radius * radius
-                if near and solid[r0 + i, c0 + j] >= highest - REACH * s.height:
+                if near and solid[r0 + i, c0 + j] >= highest - UNSUPPORTED_BEAD_HEIGHTS * s.height:
                     level += solid[r0 + i, c0 + j] + p.film_remelt
                     n += 1
     if n > 0:
@@ -130,8 +130,8 @@ def _run(z, solid, touched, p, s, volume, duration, pressure, temperature, time)
     mobility = p.film_mobility * max(hot, 0.2)
     rate = mobility * duration / (p.cell * p.cell)
     wanted = rate * min(thickest / s.height, 2.0) / STABLE
-    steps = min(max(int(math.ceil(wanted)), 1), MOST_STEPS)
-    floor = s.surface - REACH * s.height
+    steps = min(max(int(math.ceil(wanted)), 1), MAX_STEPS)
+    floor = s.surface - UNSUPPORTED_BEAD_HEIGHTS * s.height
     _level(z, solid, p, s, inside, press, r0=r0, c0=c0, floor=floor, rate=rate / steps, steps=steps)
 
 

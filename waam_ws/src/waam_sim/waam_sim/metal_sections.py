@@ -18,7 +18,7 @@ from .pool import laid, make_advance, melted, splat, touch
 
 ACROSS = 32  # pieces that a section is divided into
 SMEAR = 5  # places along the path that share a section
-REACH = 1.5  # bead heights below the pool from which on nothing carries it
+UNSUPPORTED_BEAD_HEIGHTS = 1.5  # bead heights below the pool from which on nothing carries it
 TRIES = 18  # halvings of the search for the height of a section
 EDGE_SHARE = 0.35  # of its height that a section has where nothing is below
 FULLEST = 6.0  # sections of one bead that the store holds at most, times pool length
@@ -88,12 +88,12 @@ def _over(solid, p, s, x, y, along_x, along_y, wanted):
             highest = max(highest, ground[j])
     core, n, lowest = 0.0, 0, 1e9
     for j in range(ACROSS // 3, ACROSS - ACROSS // 3):
-        if ground[j] >= highest - REACH * s.height:
+        if ground[j] >= highest - UNSUPPORTED_BEAD_HEIGHTS * s.height:
             core += ground[j]
             n += 1
     core /= max(n, 1)
     for j in range(ACROSS):
-        if ground[j] < core - REACH * s.height:
+        if ground[j] < core - UNSUPPORTED_BEAD_HEIGHTS * s.height:
             carried[j] = 0.0
         else:
             lowest = min(lowest, ground[j])
@@ -155,7 +155,7 @@ def _lay_cap(z, solid, touched, p, s, volume, time):
             dx = s.origin_x + (c0 + j + 0.5) * p.cell - s.pool_x
             q = 1.0 - (dx * dx + dy * dy) / (radius * radius)
             ahead = dx * s.head_x + dy * s.head_y >= -0.25 * radius
-            fits = solid[r0 + i, c0 + j] >= s.surface - REACH * s.height
+            fits = solid[r0 + i, c0 + j] >= s.surface - UNSUPPORTED_BEAD_HEIGHTS * s.height
             if q > 0.0 and ahead:
                 share[i, j] = q if fits else EDGE_SHARE * q
     total = share.sum() if share.size else 0.0

@@ -12,7 +12,7 @@ from waam_process.grid import GridSpec, HeightGrid
 
 from .compiled import jit
 
-LARGEST = 0.5
+MAX_PART_SIZE = 0.5
 
 
 class PartError(ValueError):
@@ -22,9 +22,9 @@ class PartError(ValueError):
 def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: float) -> HeightGrid:
     """A flat plate with its corner at the origin of the work frame, table around it."""
     for name, v in (('x', size_x), ('y', size_y), ('z', size_z)):
-        if not (math.isfinite(v) and 0.0 < v <= LARGEST):
+        if not (math.isfinite(v) and 0.0 < v <= MAX_PART_SIZE):
             text = f'plate.{name} is {v * 1e3:g} mm, must be more than 0 and at most'
-            raise PartError(f'{text} {LARGEST * 1e3:g} mm')
+            raise PartError(f'{text} {MAX_PART_SIZE * 1e3:g} mm')
     spec = _around(size_x, size_y, cell, margin)
     x, y = np.meshgrid(spec.x, spec.y)
     inside = (x > 0) & (x < size_x) & (y > 0) & (y < size_y)
@@ -39,9 +39,11 @@ def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> Height
     triangles = _tilted(_read(path), tilt) if tilt else _read(path)
     triangles -= triangles.reshape(-1, 3).min(axis=0)
     size = triangles.reshape(-1, 3).max(axis=0)
-    if not (size[:2] > 0).all() or (size > LARGEST).any():
+    if not (size[:2] > 0).all() or (size > MAX_PART_SIZE).any():
         text = ' x '.join(f'{v * 1e3:.1f}' for v in size)
-        raise PartError(f'{path}: the part measures {text} mm, at most {LARGEST * 1e3:.0f} mm fit')
+        raise PartError(
+            f'{path}: the part measures {text} mm, at most {MAX_PART_SIZE * 1e3:.0f} mm fit'
+        )
     spec = _around(size[0], size[1], cell, margin)
     z = np.full(spec.shape, -1.0)
     rasterise(z, np.ascontiguousarray(triangles), spec.origin_x, spec.origin_y, cell)
@@ -64,8 +66,10 @@ def placed(heights: HeightGrid, cell: float) -> HeightGrid:
     x0, x1, y0, y1 = heights.spec.extent
     if not np.isfinite(heights.z).all() or (heights.z < 0).any():
         raise PartError('the height map has cells below the table, or without a height')
-    if max(x1 - x0, y1 - y0) > 2 * LARGEST or heights.z.max() > LARGEST:
-        raise PartError(f'the height map is too large: parts up to {LARGEST * 1e3:.0f} mm fit')
+    if max(x1 - x0, y1 - y0) > 2 * MAX_PART_SIZE or heights.z.max() > MAX_PART_SIZE:
+        raise PartError(
+            f'the height map is too large: parts up to {MAX_PART_SIZE * 1e3:.0f} mm fit'
+        )
     if abs(heights.spec.resolution - cell) < 1e-9:
         return heights
     spec = GridSpec.covering(x0, y0, x1, y1, cell)

@@ -20,9 +20,9 @@ ARM = 6  # joints that move the torch
 MAX_JOINTS = ARM + 2  # with a positioner
 OVER = np.diag([1.0, -1.0, -1.0])  # the torch looks at the part
 TINY = 1e-6  # rad, for differences
-CLOSE = 1e-9  # m and rad
+POSE_TOLERANCE = 1e-9  # m and rad
 STEPS = 60
-LONGEST = 0.3  # rad, a step of the search
+MAX_SEARCH_STEP = 0.3  # rad, a step of the search
 NONE = 1e-6  # m: a shorter length is none
 
 
@@ -121,7 +121,9 @@ class UrdfArm:
 
     def beyond(self, joints: np.ndarray) -> str:
         """Which of joints (N, n) is beyond its limit first; '' = none."""
-        out = np.argwhere((joints < self.low - CLOSE) | (joints > self.high + CLOSE))
+        out = np.argwhere(
+            (joints < self.low - POSE_TOLERANCE) | (joints > self.high + POSE_TOLERANCE)
+        )
         if not len(out):
             return ''
         row, n = out[0]
@@ -143,13 +145,13 @@ class UrdfArm:
             frames = self.frames(np.vstack([q, q + steps]))
             here, turn = frames[0, :3, 3], frames[0, :3, :3]
             off = np.concatenate([tip - here, -_turns(turn[None])[0]])
-            if np.abs(off).max() < CLOSE:
+            if np.abs(off).max() < POSE_TOLERANCE:
                 return q
             turns = _turns(frames[1:, :3, :3] @ turn.T)
             j = np.column_stack([frames[1:, :3, 3] - here, turns]).T / TINY
             step = np.linalg.lstsq(j, off, rcond=1e-6)[0]
             q = q.copy()
-            q[moving] += step * min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-12))
+            q[moving] += step * min(1.0, MAX_SEARCH_STEP / max(float(np.abs(step).max()), 1e-12))
         raise UrdfError(f'{_where(tip)} is not reached from the posture')
 
 

@@ -25,7 +25,7 @@ LAYER_PAUSE = 8.0  # s without arc after which a layer begins; after a scan one 
 # m, mean height and diameter of a lump (assumed: the recorded wall has none), and how far from the arc one falls
 LUMP_HEIGHT, LUMP_DIAMETER, LUMP_REACH = 4e-4, 1.2e-3, 0.015
 LUMP_PATH = 1e-3  # m of path on which at most one lump falls
-LEAST = 0.1  # share of the wire that arrives at least
+MIN_WIRE_SHARE = 0.1  # share of the wire that arrives at least
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def strike(p, s, key, idle):
 def arriving(p, s):
     """Share of the wire that arrives beside what the metal model knows."""
     drift = p.efficiency_per_layer * max(s.layers - 1.0, 0.0) + s.walk
-    return max(s.gain * (1.0 + drift), LEAST)
+    return max(s.gain * (1.0 + drift), MIN_WIRE_SHARE)
 
 
 @jit

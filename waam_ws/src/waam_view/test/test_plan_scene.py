@@ -131,7 +131,7 @@ def test_totals_are_those_of_the_plan(stored):
 
 def test_long_programs_are_thinned_but_keep_their_starts(stored, tmp_path, monkeypatch):
     plan, file = stored
-    monkeypatch.setattr(plan_scene, 'MOST_POINTS', 100)
+    monkeypatch.setattr(plan_scene, 'MAX_POINTS', 100)
     found = by_entity(file, tmp_path / 'preview.rrd')
     points = sum(len(s) for row in column(found[bp.BEADS_METAL], 'strips') for s in row)
     segments = sum(len(layer.segments) for layer in plan.layers)

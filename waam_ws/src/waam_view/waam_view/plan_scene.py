@@ -14,7 +14,7 @@ from . import blueprint as bp
 from .plan_file import PlanFile, Run, read_plan
 from .surface import colours, mesh
 
-MOST_POINTS = 300_000  # drawn; longer programs are thinned out
+MAX_POINTS = 300_000  # drawn; longer programs are thinned out
 PIECE = 200  # points that appear at once on the timeline of the program
 ROD = 0.365  # half the distance of neighbouring beads over their width: the lines of a layer can be told apart
 STEPS = 16  # colours of a scale
@@ -45,7 +45,7 @@ def _write(plan: PlanFile, file: Path, recording_id: str) -> None:
     for entity, title in ((bp.PLAN_SPEED, 'travel, mm/s'), (bp.PLAN_HEIGHT, 'metal, mm')):
         recording.log(entity, rr.SeriesLines(names=[title]), static=True)
     _draw_surfaces(recording, plan)
-    every = max(1, -(-sum(len(r.height) for r in plan.runs) // MOST_POINTS))
+    every = max(1, -(-sum(len(r.height) for r in plan.runs) // MAX_POINTS))
     for run in plan.runs:
         _draw_run(recording, plan, run.thinned(every))
     _draw_means(recording, plan)

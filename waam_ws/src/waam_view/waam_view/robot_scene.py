@@ -36,7 +36,7 @@ from . import blueprint as bp
 NAMES = {TOOL: 'torch', CRADLE: 'positioner', PART: 'faceplate'}  # of the frames that are no link
 ASIDE, ABOVE = np.radians(-25.0), np.radians((20.0, 30.0))  # of the eyes from the way base to part
 HALF_VIEW = np.radians(22.0)  # of what the viewer shows
-NEAR = 0.22  # m from the part
+PART_RADIUS = 0.22  # m from the part
 ON_PART = (0.04, 0.03, 0.01)  # m from the work zero: what is looked at
 ARM, TORCH, POSITIONER = (222, 134, 44), (150, 150, 158), (120, 130, 142)
 
@@ -128,7 +128,7 @@ def eyes_of(bodies: Bodies, frames: np.ndarray, part: np.ndarray) -> bp.Eyes:
     across = np.linalg.norm(off - along[:, None] * back, axis=1)
     far = float((across / np.tan(HALF_VIEW) + along).max())
     cell = bp.Eye(_point(middle + far * back), _point(middle))
-    return cell, bp.Eye(_point(part + NEAR * near), _point(part))
+    return cell, bp.Eye(_point(part + PART_RADIUS * near), _point(part))
 
 
 def _point(values: np.ndarray) -> tuple[float, float, float]:

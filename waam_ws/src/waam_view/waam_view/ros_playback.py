@@ -20,7 +20,7 @@ from .scene import Scene
 
 PERIOD_NS = 100_000_000  # of telemetry
 BATCH = 50
-LARGEST = 1 << 30  # bytes of one record
+MAX_RECORD_BYTES = 1 << 30  # bytes of one record
 
 
 def messages(file: Path) -> Iterator[tuple[str, bytes]]:
@@ -28,7 +28,7 @@ def messages(file: Path) -> Iterator[tuple[str, bytes]]:
     topics: dict[int, str] = {}
     with open(file, 'rb') as stream:
         try:
-            for record in StreamReader(stream, record_size_limit=LARGEST).records:
+            for record in StreamReader(stream, record_size_limit=MAX_RECORD_BYTES).records:
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic.rsplit('/', 1)[-1]
                 elif isinstance(record, Message):

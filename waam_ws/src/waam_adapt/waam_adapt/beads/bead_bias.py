@@ -21,7 +21,7 @@ END_PIECES = 8
 LAG_SIGMA = 0.3  # bead widths, of the lag before any layer
 LAG_LIMITS = (-0.5, 0.5)  # bead widths; below zero: the melt trails the torch
 LAG_FORGETTING = 0.97  # per layer
-ALIKE = 4.0  # neighbouring cells whose noise is one
+NOISE_CORRELATION_CELLS = 4.0  # neighbouring cells whose noise is one
 INNER = 1.0  # bead widths from arc on and off, where the lag can be told from humps and craters
 INNER_SHARE = 1 / 3  # of the learning rate there, for little comes back; the rest is noise
 DRIFT, MAX_DRIFT = 0.15, 0.05  # weight of the newest layer in the surplus; most that is believed
@@ -29,15 +29,15 @@ MIN_CELLS = 50
 # Layer heights that a place may lack: the most, and what is believed where asking for more moved nothing. Metal that
 # is asked for at the end of a bead and arrives elsewhere is missing there for good: asked for again and again, it heaps
 # up behind the end.
-MAX_MISSING, LEAST_MISSING = 1.0, 0.25
+MAX_MISSING, MIN_MISSING = 1.0, 0.25
 RESPONSE, RESPONSE_SIGMA, RESPONSE_SCATTER = (
     0.3,
     0.15,
     0.25,
 )  # of growth near ends; prior, and of one layer
 RESPONSE_FORGETTING = 0.9  # per layer
-# Response at which ends are filled no more than LEAST_FILL, and from which on as far as the solver may.
-FILL, LEAST_FILL = (0.25, 0.75), 0.2
+# Response at which ends are filled no more than MIN_FILL, and from which on as far as the solver may.
+FILL, MIN_FILL = (0.25, 0.75), 0.2
 MOVED = 0.02  # RMS of what was expected otherwise than two layers before, from which on a layer tells the response
 END_RATE = 0.5  # weight of the newest layer in that: the mean over many beads has little noise
 SEEN = 0.3  # share of a cell that must be known
@@ -67,7 +67,7 @@ class BeadBias:
     def fill(self) -> float:
         """See `BeadDeviation.fill`."""
         none, all_of_it = FILL
-        return min(max((self.response - none) / (all_of_it - none), LEAST_FILL), 1.0)
+        return min(max((self.response - none) / (all_of_it - none), MIN_FILL), 1.0)
 
     def of(self, layer: int, model: BeadModel) -> np.ndarray:
         """What layer `layer` will lack: what all beads do at their ends, and what was seen at the place."""
@@ -105,7 +105,7 @@ class BeadBias:
         after = self._with_lag(model, asked, growth / ratio, expected, known)
         expected = model.growth(asked, after.lag * model.width)
         after = after._with_response(layer, model, expected, growth / ratio, known)
-        most = min(max(after.response, LEAST_MISSING), 1.0) * MAX_MISSING
+        most = min(max(after.response, MIN_MISSING), 1.0) * MAX_MISSING
         lacks = np.clip(np.where(known, ratio * expected - growth, 0.0), -most, most)
         if allowed is not None:
             news = float(np.clip(ratio / allowed - 1, -MAX_DRIFT, MAX_DRIFT))
@@ -133,7 +133,7 @@ class BeadBias:
         low, high = (model.growth(asked, (self.lag + s) * model.width)[use] for s in (-step, step))
         slope, rest = (high - low) / (2 * step), (growth - expected)[use]
         slope, rest = slope - slope.mean(), rest - rest.mean()
-        scale = ALIKE * max(float(rest.var()), 1e-6)
+        scale = NOISE_CORRELATION_CELLS * max(float(rest.var()), 1e-6)
         news = float(slope @ slope) / scale
         lag = self.lag + float(slope @ rest) / scale / (self.information + news)
         lag = min(max(lag, LAG_LIMITS[0]), LAG_LIMITS[1])
@@ -161,7 +161,7 @@ class BeadBias:
             return after
         slope = float(x[use] @ y[use]) / sxx
         rest = float(((y - slope * x)[use] ** 2).mean())
-        noise = ALIKE * rest / sxx + RESPONSE_SCATTER**2
+        noise = NOISE_CORRELATION_CELLS * rest / sxx + RESPONSE_SCATTER**2
         known_before = RESPONSE_FORGETTING * self.response_information
         information = known_before + 1 / noise
         response = (known_before * self.response + slope / noise) / information

@@ -25,7 +25,7 @@ from .bead_path import Bead, as_bytes, beads_of, nearest_of
 
 SPREAD, POOL = 0.33, 0.2  # bead widths: sigma across and along
 GAP = 4.0  # bead widths between the beads of a layer laid end to end
-REACH = 4  # cells on each side of a piece that its metal can touch
+MAX_METAL_CELLS = 4  # cells on each side of a piece that its metal can touch
 ALONE = 0.9  # share of the metal of a cell that belongs to one stretch where beads do not overlap
 STRETCH = 2.0  # bead widths of a bead that count as one when it is asked whether beads overlap
 TINY = 5e-3  # share of a piece's metal that is left out
@@ -197,7 +197,7 @@ def _spread(
         step=step,
         rows=shape[0],
         cols=shape[1],
-        reach=REACH,
+        reach=MAX_METAL_CELLS,
         along=POOL * CELLS_PER_BEAD,
         across=SPREAD * CELLS_PER_BEAD,
         tiny=TINY,

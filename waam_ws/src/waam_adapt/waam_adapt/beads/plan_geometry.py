@@ -32,13 +32,13 @@ CHANNELS = len(NAMES)
 METAL = range(3, 8)
 SUMMARIES = ('thickness', 'taper', 'density', 'turn', 'neighbours', 'arcs', 'width')
 EDGE_REACH = 2.0  # bead widths from the edge at which a cell counts as interior
-REACH = 1.25  # bead widths within which metal counts as of the neighbourhood
+NEIGHBOURHOOD_WIDTHS = 1.25  # bead widths within which metal counts as of the neighbourhood
 NEIGHBOUR = 0.5  # bead widths: sigma of the neighbourhood
 APART = 1.5  # bead widths of travel from which on metal belongs to another pass
 FRESH = 8.0  # bead widths of travel in which a pass beside fades
 ROOM = 2  # cells around the footprint that the network is shown
 WIDE = 3.0  # cells: sigma of the wide channels
-MOST_TURN = 3.0  # right angles per bead width
+MAX_TURN = 3.0  # right angles per bead width
 
 
 class _Pieces(NamedTuple):
@@ -201,7 +201,7 @@ def _pieces(beads: Sequence[Bead], width: float) -> _Pieces:
                 bead.tangent,
                 np.full(len(bead.way), step),
                 bead.way + begin,
-                np.clip(turn, -MOST_TURN, MOST_TURN),
+                np.clip(turn, -MAX_TURN, MAX_TURN),
                 np.exp(-bead.way / width),
                 np.exp((bead.way - bead.length) / width),
             )
@@ -218,7 +218,7 @@ def _sums(pieces: _Pieces, nearest: np.ndarray, width: float) -> np.ndarray:
         step=pieces.step,
         run=pieces.run / width,
         nearest=nearest,
-        reach=REACH * CELLS_PER_BEAD,
+        reach=NEIGHBOURHOOD_WIDTHS * CELLS_PER_BEAD,
         narrow=SPREAD * CELLS_PER_BEAD,
         wide=NEIGHBOUR * CELLS_PER_BEAD,
         apart=APART,

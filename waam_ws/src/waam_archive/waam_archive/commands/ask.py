@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..charts import Chart
 
 
-ENOUGH = 20  # points that limits should come from (usual advice: 20 to 25 subgroups)
+MIN_LIMIT_POINTS = 20  # points that limits should come from (usual advice: 20 to 25 subgroups)
 
 
 def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
@@ -120,8 +120,10 @@ def _print_chart(args: argparse.Namespace, found: Chart, ends: list[Row]) -> Non
         print(f'{s.rule}: {s.text}; last at {ends[s.points[-1]]["job"]}, {len(s.points)} times')
     if not found.signals:
         print('no rule is broken')
-    if len(found.means) < ENOUGH:
-        print(f'{len(found.means)} points are few: limits from less than {ENOUGH} are rough')
+    if len(found.means) < MIN_LIMIT_POINTS:
+        print(
+            f'{len(found.means)} points are few: limits from less than {MIN_LIMIT_POINTS} are rough'
+        )
     if args.picture:
         print(f'picture: {args.picture}')
 

@@ -32,7 +32,7 @@ END_REACH = 0.75  # bead widths that the end of an interrupted bead goes beyond 
 MIN_METAL_SHARE = 0.3
 COLDEST = 0.8  # of its metal that a bead gets on the coldest part
 CHECKPOINT_REACH = 3.0  # s of planned travel that may have been laid after a checkpoint was written
-FEW = 5  # segments; the metal of a begun bead is looked for when it has more
+MIN_SEGMENTS_OF_BEGUN_BEAD = 5  # segments; the metal of a begun bead is looked for when it has more
 MOVED_LIMIT = 0.15e-3  # m, median change of the surface where nothing was to be laid
 
 
@@ -182,7 +182,7 @@ def progress_of(
     least, most = laid_range(deposits, beads_done, laid)
     for number, bead in enumerate(beads, 1):
         mine = [i for i, s in enumerate(deposits[:least]) if s.bead == bead]
-        if number <= beads_done or len(mine) > FEW:
+        if number <= beads_done or len(mine) > MIN_SEGMENTS_OF_BEGUN_BEAD:
             least_share = PRESENT if number < beads_done else BEGUN
             begun = ', begun' if number > beads_done else ''
             which = f'{number} of {len(beads)}{begun}'

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 AFTER_STRIKE, BEFORE_END = 0.6, 0.25  # s that do not count
 LONGEST_GAP = 1.0  # s between two rows of one arc
-SHORTEST = 2.0  # s of an arc that counts
+MIN_ARC_TIME = 2.0  # s of an arc that counts
 FEED = 0.110  # m/s, of a log that does not say
 OPEN_VOLTS = 45.0  # V; above there is no arc
 BLOCKS = 8  # for standard errors
@@ -56,7 +56,7 @@ def steady(t: np.ndarray, columns: Mapping[str, np.ndarray]) -> Steady:
     use, run, number = np.zeros(t.size, bool), np.zeros(t.size, int), 0
     for k in np.unique(group[lit]) if t.size else ():
         at = np.flatnonzero((group == k) & lit)
-        if t[at[-1]] - t[at[0]] < SHORTEST:
+        if t[at[-1]] - t[at[0]] < MIN_ARC_TIME:
             continue
         inside = at[(t[at] > t[at[0]] + AFTER_STRIKE) & (t[at] < t[at[-1]] - BEFORE_END)]
         use[inside], run[inside] = True, number

@@ -24,9 +24,9 @@ TOUCH = 1e-4  # m, of a touch by eye
 LEAN, SPIN = np.radians(30.0), np.radians(50.0)  # of the torch
 MOUNTED = 2e-3, np.radians(1.0)  # m, rad: standard deviations of how tool and scanner are mounted
 NOISE, OUTLIERS, WRONG = 3e-5, 0.002, 1.5e-3  # m, share, m: as of ScannerParams
-TOLD = 1e-3  # deg: joints are told so finely
+JOINT_RESOLUTION_DEG = 1e-3  # deg: joints are told so finely
 ARC = 0.75  # of the radius of its circle that a profile shows to both sides
-FEW = 25  # points of a profile beside the sphere's middle
+MIN_PROFILE_POINTS = 25  # points of a profile beside the sphere's middle
 PITCH = 4e-4  # m between points
 NOMINAL = np.array(  # scanner on the torch, as of waam_sim.scanner: x_s along y of the machine
     [[0.0, -1.0, 0.0, 0.060], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.120], [0.0, 0.0, 0.0, 1.0]]
@@ -74,7 +74,7 @@ def profiles(seed: int, count: int = 14, params: RobotParams | None = None) -> M
         seen[:3, 3] = centre - seen[:3, :3] @ aim
         joints = _jogged(station, robot, nominal, seen, 5e-4, rng)
         points = _profile(_flange(robot, joints, rng) @ scanner, centre, rng)
-        if len(points) < FEW:  # seen at once by the operator: another pose
+        if len(points) < MIN_PROFILE_POINTS:  # seen at once by the operator: another pose
             continue
         n += 1
         lines += [f'{n},{_line(joints)},{1e3 * x:.4f},{1e3 * z:.4f}' for x, z in points]
@@ -121,7 +121,7 @@ def _jogged(
         if np.isnan(theta).any():
             raise ValueError('a pose of the rehearsal is out of reach')
         goal[:3, 3] += place - (robot.flange(theta) @ tool)[:3, 3]
-    return np.radians(np.round(np.degrees(theta) / TOLD) * TOLD)
+    return np.radians(np.round(np.degrees(theta) / JOINT_RESOLUTION_DEG) * JOINT_RESOLUTION_DEG)
 
 
 def _flange(robot: SimRobot, theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from waam_node.params import ParameterError
 from waam_plan.plan import Plan
 from waam_robot.station import StationError
-from waam_robot_bridge.foresee import END, START, TOLD, Place, asked, places
+from waam_robot_bridge.foresee import END, SPEED_TOLERANCE, START, Place, asked, places
 from waam_robot_bridge.pace import Pacer
 from waam_robot_bridge.params import RobotParams
 from waam_robot_bridge.station_file import station_of
@@ -18,7 +18,7 @@ from waam_robot_bridge.station_file import station_of
 from .contacts import contacts
 from .dry_run import DryRunError, layers, work_zero
 
-MOST_LINES = 20
+MAX_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class RobotCheck:
             return [f'robot: {self.problem}']
         share = 1 - (self.ends[0] + sum(p.end - p.begin for p in self.off)) / max(self.length, 1e-9)
         out = [
-            f'robot: the torch has the programmed speed within {TOLD:.0%} on {share:.2%} of {self.length:.2f} m; '
-            f'starts and ends take {self.ends[1] * 1e3:.1f} mm at most'
+            f'robot: the torch has the programmed speed within {SPEED_TOLERANCE:.0%} on {share:.2%} of '
+            f'{self.length:.2f} m; starts and ends take {self.ends[1] * 1e3:.1f} mm at most'
         ]
         out += _some([f'  {p.text}' for p in self.off], 'places')
         if self.used is not None:
@@ -105,8 +105,8 @@ def check(
 
 
 def _some(lines: list[str], what: str) -> list[str]:
-    rest = len(lines) - MOST_LINES
-    return lines[:MOST_LINES] + ([f'  ... and {rest} more {what}'] if rest > 0 else [])
+    rest = len(lines) - MAX_LINES
+    return lines[:MAX_LINES] + ([f'  ... and {rest} more {what}'] if rest > 0 else [])
 
 
 def _drives(used: np.ndarray, names: tuple[str, ...]) -> str:

@@ -21,7 +21,7 @@ from .fit import Estimate, Fitted
 from .unknowns import NEVER
 
 CELL_FILE, FACTS, PAGE = 'cell.yaml', 'fit.json', REPORT_PAGE
-MOST_JOBS = 4  # with pictures
+MAX_JOBS = 4  # with pictures
 UNSAFE = 'Forecasts on this cell may end without an arc.'
 
 
@@ -111,7 +111,7 @@ def html(found: Fitted, told: str) -> str:
         '<h2>Misfit, before and after</h2>',
         _misfits(found),
     ]
-    for i, m in enumerate(found.misfits[:MOST_JOBS]):
+    for i, m in enumerate(found.misfits[:MAX_JOBS]):
         parts.append(f'<h2>{escape(m.job)}</h2>')
         parts.append(picture(figures.maps(found, i), 'Growth of layers: measured less simulated.'))
         if found.replays[i].readings.t.size:

@@ -16,8 +16,10 @@ from waam_plan.fill.path import Pieces
 from waam_plan.slice.section import merged, pieces
 
 MARGIN = 0.05e-3  # m
-LEAST = 1e-6  # m, shorter pieces are left out
-LONGEST = 3e-3  # m, way along the edge around a corner; a bead whose way is longer is cut there
+MIN_PIECE = 1e-6  # m, shorter pieces are left out
+MAX_WAY_AROUND_CORNER = (
+    3e-3  # m, way along the edge around a corner; a bead whose way is longer is cut there
+)
 
 
 def keep_inside(found: Pieces, polygons: list[Polygon]) -> Pieces:
@@ -69,7 +71,7 @@ def _along_edge(a: np.ndarray, b: np.ndarray, core: BaseGeometry) -> np.ndarray:
     if abs(to - at) > edge.length / 2:
         at, to = (at + edge.length, to) if at < to else (at, to + edge.length)
     way = np.asarray(substring(twice, at, to).coords)
-    return way[1:-1] if abs(to - at) < LONGEST else np.empty((0, 2))
+    return way[1:-1] if abs(to - at) < MAX_WAY_AROUND_CORNER else np.empty((0, 2))
 
 
 def _edges(core: BaseGeometry) -> list[BaseGeometry]:
@@ -106,7 +108,7 @@ def _with(found: Pieces, moved: dict[int, np.ndarray], area: BaseGeometry) -> Pi
     begin, finish = (np.array([r[k] for r in rows]) for k in (0, 1))
     of = np.array([r[2] for r in rows])
     chords = shapely.linestrings(np.stack([begin[:, :2], finish[:, :2]], axis=1))
-    keep = shapely.contains(area, chords) & (np.linalg.norm(finish - begin, axis=1) > LEAST)
+    keep = shapely.contains(area, chords) & (np.linalg.norm(finish - begin, axis=1) > MIN_PIECE)
     begin, finish, of = begin[keep], finish[keep], of[keep]
     return Pieces(begin, finish, found.bead[of], _renumbered(begin, finish, found.chain[of]))
 

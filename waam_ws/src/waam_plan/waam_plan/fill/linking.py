@@ -14,7 +14,7 @@ from waam_plan.fill.rings import begun_at
 from waam_plan.fill.seam import seam_shift
 from waam_process.segment import Segment
 
-REACH = 2.0  # pitches: longest link with the arc on
+MAX_LINK_PITCHES = 2.0  # pitches: longest link with the arc on
 OPEN = 0.6  # pitches: a ring that is linked to the next one ends so much before its start, for the link lays metal, too
 SEAMS = 20  # places along a ring that are tried for its seam
 
@@ -57,7 +57,7 @@ def linked(
         away = [_distance(run, here) for run in left]
         k = int(np.argmin(away))
         run = left.pop(k)
-        if out and away[k] <= REACH * pitch:
+        if out and away[k] <= MAX_LINK_PITCHES * pitch:
             gap = OPEN * pitch if open_first or len(out[-1]) > 1 else 0.0
             if _went_on(out[-1], run, polygon, gap):
                 continue

@@ -14,8 +14,8 @@ from waam_plan.slice.section import pieces
 
 # of the radius: sides nearer to each other than that meet in a corner, not in a wall
 OPPOSITE = 1.7
-MOST_POINTS = 20_000  # on the outline
-REACH = 0.35  # of the radius: by so much free ends are prolonged
+MAX_POINTS = 20_000  # on the outline
+PROLONGED_RADIUS_SHARE = 0.35  # of the radius: by so much free ends are prolonged
 CROSSING = 2.0  # widths: smaller thick places are where thin walls meet
 WOBBLE = 0.05  # of the radius: what simplifying may move
 
@@ -27,13 +27,13 @@ def medial_lines(polygon: Polygon, least: float) -> list[np.ndarray]:
     through its middle.
     """
     radius = float(shapely.maximum_inscribed_circle(polygon, tolerance=2e-5).length)
-    raw = _ridges(polygon, max(radius / 3, polygon.length / MOST_POINTS))
+    raw = _ridges(polygon, max(radius / 3, polygon.length / MAX_POINTS))
     lines = _pruned(raw, max(radius, 1e-6)) if raw else []
     lines = [x for x in (_smooth(line, radius) for line in _joined(lines)) if x.length > least]
     if not lines:
         return [_spot(polygon, least)]
     lines.sort(key=lambda x: -x.length)
-    return [_prolonged(line, lines, polygon, REACH * radius) for line in lines]
+    return [_prolonged(line, lines, polygon, PROLONGED_RADIUS_SHARE * radius) for line in lines]
 
 
 def _prolonged(

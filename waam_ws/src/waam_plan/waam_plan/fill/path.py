@@ -19,7 +19,7 @@ MIN_SHARE = 0.25  # a bead goes on while at least this share of its band is in t
 # sharper turns stay where they are, stations are spread between them
 CORNER = np.cos(np.radians(30))
 BREAK = 1.0  # m, put between lines that are measured along one another
-SHORTEST = 1e-7  # m, between two stations
+MIN_STATION_DISTANCE = 1e-7  # m, between two stations
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def lay_out(chains: list[hatch.Chain], surface: HeightGrid, settings: PlanSettin
     along = np.concatenate([[0.0], np.cumsum(np.where(same, step, BREAK))])
     legs = _legs(points[:, :2], same)
     length = along[legs[:, 1]] - along[legs[:, 0]]
-    legs, length = legs[length > SHORTEST], length[length > SHORTEST]
+    legs, length = legs[length > MIN_STATION_DISTANCE], length[length > MIN_STATION_DISTANCE]
     n = np.maximum(1, np.ceil(length / settings.segment_length - 1e-9)).astype(int)
     leg = np.repeat(np.arange(len(n)), n)
     k = np.arange(len(leg)) - np.repeat(np.cumsum(n) - n, n)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LARGEST = math.radians(10)
+MAX_SKEW = math.radians(10)
 
 
 class SkewError(ValueError):
@@ -33,7 +33,7 @@ class AxisErrors:
     def __post_init__(self) -> None:
         for name in ('y_to_x', 'x_to_y', 'z_to_x', 'z_to_y'):
             angle = getattr(self, name)
-            if not abs(angle) <= LARGEST:
+            if not abs(angle) <= MAX_SKEW:
                 raise SkewError(
                     f'{name} is {math.degrees(angle):g} deg, at most 10 deg is a calibration'
                 )
@@ -71,7 +71,7 @@ def angles_from_diagonals(side_x: float, side_y: float, rising: float, falling: 
         raise SkewError('sides and diagonals must be above 0')
     sine = (rising**2 - falling**2) / (4 * side_x * side_y)
     closure = (rising**2 + falling**2) / (2 * (side_x**2 + side_y**2)) - 1
-    if abs(sine) >= math.sin(LARGEST) or abs(closure) > 5e-3:
+    if abs(sine) >= math.sin(MAX_SKEW) or abs(closure) > 5e-3:
         raise SkewError(
             f'no parallelogram of {side_x:g} x {side_y:g} has diagonals of {rising:g} and {falling:g}: measure again'
         )

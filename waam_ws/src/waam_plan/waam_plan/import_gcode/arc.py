@@ -15,7 +15,7 @@ CENTRE_LETTERS = 'IJK'
 MISMATCH = 5e-6
 MISMATCH_SHARE = 1e-3  # ... and by more than this share of the radius
 WORST_MISMATCH = 0.5e-3  # m, whatever the radius
-SMALLEST, LARGEST = 1e-6, 100.0  # m, radius
+MIN_RADIUS, MAX_RADIUS = 1e-6, 100.0  # m, radius
 SAME = 1e-9  # m; ends that are one point make a whole turn
 
 
@@ -88,7 +88,7 @@ def by_centre(
     p, q, _ = PLANES[plane]
     arc = Arc(plane, start, end, centre, _sweep(plane, start, end, centre, left, turns))
     r0, r1 = arc.radii
-    if not SMALLEST <= r0 <= LARGEST:
+    if not MIN_RADIUS <= r0 <= MAX_RADIUS:
         raise ArcError(f'the radius is {r0 * 1e3:.6g} mm')
     off = abs(r1 - r0)
     if off > WORST_MISMATCH or off > max(MISMATCH, MISMATCH_SHARE * r0):
@@ -119,7 +119,7 @@ def by_radius(
     chord, size = math.hypot(*along), abs(radius)
     if chord <= SAME:
         raise ArcError('an arc by its radius needs an end other than its start')
-    if chord / 2 > size + SMALLEST:
+    if chord / 2 > size + MIN_RADIUS:
         raise ArcError(
             f'radius mismatch: the ends are {chord * 1e3:.4f} mm apart, {size * 2e3:.4f} mm is the diameter'
         )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from waam_plan.import_gcode.line_words import LineWords
 from waam_plan.import_gcode.words import ProgramError, refuse
 
-MOST = 0.5  # share of the way of moves that name E; where more lays nothing, E is misread
-TOLD = 0.1  # share that wipes may have
+MAX_IDLE_SHARE = 0.5  # share of the way of moves that name E; where more lays nothing, E is misread
+MAX_WIPE_SHARE = 0.1  # share that wipes may have
 SHARES = {'M220': 'speed', 'M221': 'wire'}  # of printers, in per cent
 LOWEST, HIGHEST = 0.1, 10.0
 
@@ -50,9 +50,9 @@ class Extrusion:
             f'line {self.first}: {empty} of {empty + self.laid} moves that name E lay nothing, '
             'because E does not advance there'
         )
-        if share > MOST:
+        if share > MAX_IDLE_SHARE:
             raise ProgramError(f'{said}; say M83 where E is relative, M82 where it is absolute')
-        return said if self.still or share > TOLD else ''
+        return said if self.still or share > MAX_WIPE_SHARE else ''
 
     def share(self, name: str, words: LineWords, remarks: dict[str, str]) -> bool:
         """M220 and M221: whether the code was one of them. ProgramError for other words than S."""

@@ -6,7 +6,7 @@ from waam_plan.import_gcode.codes import GROUPS
 from waam_plan.import_gcode.dialect import Setting
 from waam_plan.import_gcode.words import Line, Word, refuse
 
-MOST_TURNS = 1000
+MAX_TURNS = 1000
 
 
 class LineWords:
@@ -68,10 +68,10 @@ class LineWords:
         return value * setting.factor
 
     def turns(self) -> int:
-        """Turns of an arc (P), 1 where none are given. ProgramError for other than 1 to MOST_TURNS whole ones."""
+        """Turns of an arc (P), 1 where none are given. ProgramError for other than 1 to MAX_TURNS whole ones."""
         value = self.take('P')
         if value is None:
             return 1
-        if not (value == int(value) and 1 <= value <= MOST_TURNS):
-            raise refuse(self.number, self.text('P'), f'whole turns, 1 to {MOST_TURNS}')
+        if not (value == int(value) and 1 <= value <= MAX_TURNS):
+            raise refuse(self.number, self.text('P'), f'whole turns, 1 to {MAX_TURNS}')
         return int(value)

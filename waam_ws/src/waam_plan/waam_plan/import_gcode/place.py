@@ -12,7 +12,7 @@ from waam_plan.plan import PlanError, check_reach
 from waam_plan.settings import PlanSettings
 from waam_process.segment import Point, Segment
 
-NEAR = 6e-3  # m that the path may lie outside the part that it makes
+MAX_OUTSIDE = 6e-3  # m that the path may lie outside the part that it makes
 
 
 def path_box(program: Program) -> np.ndarray:
@@ -33,8 +33,8 @@ def part_offset(bounds: np.ndarray, box: np.ndarray) -> tuple[Point, str]:
         ((0.0, 0.0), 'in its own coordinates'),
         (corner, 'with its lower corner at the work zero'),
     ):
-        inside = (box[0, :2] >= bounds[0, :2] + (x, y) - NEAR) & (
-            box[1, :2] <= bounds[1, :2] + (x, y) + NEAR
+        inside = (box[0, :2] >= bounds[0, :2] + (x, y) - MAX_OUTSIDE) & (
+            box[1, :2] <= bounds[1, :2] + (x, y) + MAX_OUTSIDE
         )
         if inside.all():
             return (x, y, low), f'the nominal part lies {how}'

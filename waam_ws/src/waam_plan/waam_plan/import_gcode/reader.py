@@ -22,7 +22,7 @@ from waam_process.segment import Point
 
 OF_SLICERS = ('M82', 'M83', 'M104', 'M106', 'M107', 'M109', 'M140', 'M190')
 LONGEST_DWELL = 3600.0  # s
-MOST_MOTIONS = 5_000_000
+MAX_MOTIONS = 5_000_000
 
 
 def read_program(text: str, dialect: Dialect, name: str = 'program') -> Program:
@@ -295,6 +295,6 @@ class _Reader:
         )
 
     def _add(self, motion: Motion) -> None:
-        if len(self.motions) >= MOST_MOTIONS:
-            raise ProgramError(f'line {motion.line}: more than {MOST_MOTIONS} moves')
+        if len(self.motions) >= MAX_MOTIONS:
+            raise ProgramError(f'line {motion.line}: more than {MAX_MOTIONS} moves')
         self.motions.append(motion)

@@ -68,7 +68,9 @@ def targets_of(
         own = cover.ground + height
         if nominal is not None:
             most = cover.ground + MAX_LAYER_RATIO * height
-            own = np.where((nominal <= most) & (nominal >= cover.ground + MIN_THICKNESS), nominal, own)
+            own = np.where(
+                (nominal <= most) & (nominal >= cover.ground + MIN_THICKNESS), nominal, own
+            )
         after = np.where(cover.footprint & ~np.isfinite(after), own, after)
         tops.append(np.where(cover.footprint, after, np.nan))
         after = np.where(cover.footprint, cover.ground, after)

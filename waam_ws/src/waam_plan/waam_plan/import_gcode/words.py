@@ -11,8 +11,8 @@ from functools import reduce
 
 from waam_plan.texts import decimal_comma, numbered_lines, shown
 
-LARGEST = 1e7  # of a value in its own unit; more is damage
-LONGEST = 1000  # characters of a line
+MAX_VALUE = 1e7  # of a value in its own unit; more is damage
+MAX_LINE_LENGTH = 1000  # characters of a line
 
 _NUMBER = r'[-+]?(?:\d+\.?\d*|\.\d+)'
 _WORD = re.compile(rf'\s*([A-Za-z])\s*({_NUMBER})', re.ASCII)
@@ -86,8 +86,10 @@ def _one_end(text: str) -> str:
 
 def _line(number: int, raw: str, passing: Passing) -> Line:
     body, comments = _uncommented(number, raw)
-    if len(body) > LONGEST:
-        raise refuse(number, body, f'the line has {len(body)} characters, at most {LONGEST}')
+    if len(body) > MAX_LINE_LENGTH:
+        raise refuse(
+            number, body, f'the line has {len(body)} characters, at most {MAX_LINE_LENGTH}'
+        )
     body = _checked(number, body)
     if body.strip() == '%':
         body = ''
@@ -158,8 +160,8 @@ def _words(number: int, body: str, flags: bool) -> Iterator[Word]:
 
 def _word(number: int, letter: str, digits: str) -> Word:
     value = float(digits)
-    if not (math.isfinite(value) and abs(value) <= LARGEST):
-        raise refuse(number, letter + digits, f'beyond {LARGEST:g}')
+    if not (math.isfinite(value) and abs(value) <= MAX_VALUE):
+        raise refuse(number, letter + digits, f'beyond {MAX_VALUE:g}')
     return Word(letter.upper(), value, letter + digits)
 
 

@@ -22,7 +22,7 @@ from waam_process.grid import GridSpec
 
 INSET = 0.4e-3  # m, least distance of bead ends from a free edge
 CELLS_APART = 1.5  # between covers that do not meet, for any direction of a slit
-FAR = 1e2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])  # m
+FAR_CORNERS = 1e2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])  # m
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,9 @@ def _between(a: Polygon, b: Polygon, near: BaseGeometry, step: float) -> BaseGeo
     """The line in `near` that is as far from a as from b, from points of their outlines a `step` (m) apart."""
     some = [shapely.get_coordinates(p.boundary.intersection(near).segmentize(step)) for p in (a, b)]
     middle = np.concatenate(some).mean(axis=0)
-    found = Voronoi(np.concatenate([*some, middle + FAR]))  # FAR: so that all lines end
+    found = Voronoi(
+        np.concatenate([*some, middle + FAR_CORNERS])
+    )  # FAR_CORNERS: so that all lines end
     ends, of = np.array(found.ridge_vertices), found.ridge_points
     first, both = len(some[0]), len(some[0]) + len(some[1])
     parts = (of.min(axis=1) < first) & (of.max(axis=1) >= first) & (of.max(axis=1) < both)

@@ -11,7 +11,7 @@ import numpy as np
 from waam_plan.mesh.text_cloud import INTENSITIES, Table
 from waam_plan.texts import shown
 
-LARGEST = 2_000_000_000  # bytes of the arrays of a file
+MAX_ARRAY_BYTES = 2_000_000_000  # bytes of the arrays of a file
 MAP = {'z', 'origin', 'resolution'}  # arrays of a height map
 NAMES = ('points', 'xyz', 'cloud', 'vertices')
 
@@ -55,8 +55,8 @@ def _members(data: bytes) -> dict[str, bytes]:
     out: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as z:
-            if sum(i.file_size for i in z.infolist()) > LARGEST:
-                raise ValueError(f'its arrays are larger than {LARGEST // 1_000_000} MB')
+            if sum(i.file_size for i in z.infolist()) > MAX_ARRAY_BYTES:
+                raise ValueError(f'its arrays are larger than {MAX_ARRAY_BYTES // 1_000_000} MB')
             for info in z.infolist():
                 if info.filename.endswith('.npy'):
                     with z.open(info) as f:

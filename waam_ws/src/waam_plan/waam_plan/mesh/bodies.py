@@ -9,10 +9,10 @@ import trimesh
 
 FLAT = 1e-15  # m3; less is no body
 TOUCHING = 1e-9  # m
-MOST_BODIES = 2000
+MAX_BODIES = 2000
 FEWEST, ASKED = 3, 40  # rays, from the middles of so many faces of a body
 PAIR = 2000  # faces that a pair costs beside its own
-MOST_WORK = 100_000_000  # rays times faces, in all
+MAX_WORK = 100_000_000  # rays times faces, in all
 WAY = np.array([0.137, 0.071, 0.988])  # of the rays, along no edge that a CAD system draws
 
 
@@ -32,14 +32,14 @@ class Body:
 
 
 def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
-    """Of a closed mesh with consistent winding, largest first. ValueError for more than MOST_BODIES."""
+    """Of a closed mesh with consistent winding, largest first. ValueError for more than MAX_BODIES."""
     label = trimesh.graph.connected_component_labels(
         mesh.face_adjacency, node_count=len(mesh.faces)
     )
     count = int(label.max()) + 1
-    if count > MOST_BODIES:
+    if count > MAX_BODIES:
         raise ValueError(
-            f'{count} bodies are more than {MOST_BODIES}; leave out what is not to be built'
+            f'{count} bodies are more than {MAX_BODIES}; leave out what is not to be built'
         )
     triangles = np.asarray(mesh.triangles)
     corners = triangles - mesh.bounds.mean(axis=0)
@@ -58,11 +58,11 @@ def bodies_of(mesh: trimesh.Trimesh) -> list[Body]:
         for i in range(count)
     ]
     work = sum(FEWEST * (len(faces[j]) + PAIR) for inside in pairs for j in inside)
-    if work > MOST_WORK:
+    if work > MAX_WORK:
         raise ValueError(
             f'{count} bodies lie within the boxes of too many others; leave out what is not to be built'
         )
-    rays = min(ASKED, FEWEST * MOST_WORK // max(1, work))
+    rays = min(ASKED, FEWEST * MAX_WORK // max(1, work))
     out: list[Body] = []
     for i, own in enumerate(faces):
         around = tuple(j for j in pairs[i] if _within(triangles[own], triangles[faces[j]], rays))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 CHUNK = 500_000  # pairs looked at together
 INSIDE = 1e-6  # share of an edge or face: closer to its border counts as touching, not crossing
 
@@ -14,9 +14,9 @@ def crossings(triangles: np.ndarray, faces: np.ndarray) -> tuple[int, np.ndarray
     """Number of pairs of faces that cross and a point (3,) of one of them.
 
     triangles: (n, 3, 3) m; faces: (n, 3) vertex numbers. Faces that share a vertex are neighbours and left out.
-    Raises ValueError for meshes of more than MOST_FACES faces.
+    Raises ValueError for meshes of more than MAX_FACES faces.
     """
-    if len(faces) > MOST_FACES:
+    if len(faces) > MAX_FACES:
         raise ValueError(f'{len(faces)} faces are too many to look for crossings')
     count, first = 0, None
     pairs = _near(triangles)

@@ -13,15 +13,15 @@ from scipy.spatial import cKDTree
 MARKS = np.array(
     [0.0, 99.99, 999.0, 999.99, 9999.0, 99999.0, 32767.0, 32768.0, 65535.0, 1e6, 1e9, 1e10]
 )
-LARGEST = 1e15  # in any unit
-FEW, MANY = 3, 10  # equal points: of a mark above, and of any other value
+MAX_COORDINATE = 1e15  # in any unit
+MIN_MARKS, MIN_EQUAL_VALUES = 3, 10  # equal points: of a mark above, and of any other value
 LOOKED_AT = 100_000  # points among which neighbours are looked for
 ASKED = 2000  # points of one value that are compared with their neighbours
 NEIGHBOURS = 8
 SCATTERED = 0.25  # share of other neighbours from which on points lie between the others
-LEAST_OTHERS = 0.05  # share of the other points; fewer are no surface between marks
+MIN_OTHERS = 0.05  # share of the other points; fewer are no surface between marks
 FLAT = 0.2  # share of the other points at one height: then a plate may be as flat, too
-MOST_CELLS = 200_000  # cubes, in which groups are looked for
+MAX_CELLS = 200_000  # cubes, in which groups are looked for
 FARTHEST = 2**20 - 1  # cubes
 APART_SHARE = 5e-4  # of all points; a smaller group apart from the others is no surface
 
@@ -29,7 +29,7 @@ APART_SHARE = 5e-4  # of all points; a smaller group apart from the others is no
 def usable(points: np.ndarray, intensity: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
     """The points (n, 3) of the surface, in any unit, and what was left out and why. intensity: (n,) or None."""
     notes: list[str] = []
-    bad = ~(np.abs(points) < LARGEST).all(axis=1)
+    bad = ~(np.abs(points) < MAX_COORDINATE).all(axis=1)
     if bad.any():
         notes.append(f'{_points(bad)} without a finite number (NaN, infinite, huge) dropped')
         points = points[~bad]
@@ -62,7 +62,7 @@ def _repeated(z: np.ndarray) -> list[float]:
         return []
     values, count = np.unique(z, return_counts=True)
     marks = np.isclose(np.abs(values)[:, None], MARKS, rtol=1e-6, atol=0).any(axis=1)
-    often = count >= np.where(marks, FEW, max(MANY, 1e-3 * len(z)))
+    often = count >= np.where(marks, MIN_MARKS, max(MIN_EQUAL_VALUES, 1e-3 * len(z)))
     order = np.argsort(-(count * (1 + 1e9 * marks)), kind='stable')
     return [float(values[i]) for i in order if often[i]][:20]
 
@@ -84,7 +84,7 @@ def _look_at(
         at &= ~same
         notes.append(f'{_points(same)} at {_text(place)} dropped: a scanner\'s mark for no return')
     n, others = int(at.sum()), ~at & ~drop
-    if n < (FEW if mark else MANY) or not others.any():
+    if n < (MIN_MARKS if mark else MIN_EQUAL_VALUES) or not others.any():
         return
     dark = intensity is not None and (intensity[at] == 0).mean() > 0.95
     if dark and intensity is not None and (intensity[others] != 0).mean() > 0.9:
@@ -112,7 +112,10 @@ def _one_place(points: np.ndarray, mark: bool) -> np.ndarray | None:
     most = int(np.argmax(count))
     typical = float(np.median(np.delete(count, most))) if len(count) > 1 else 1.0
     zero = places[most] == 0 and points[0, 2] == 0
-    if count[most] >= (FEW if zero or mark else MANY) and count[most] > 2 * typical:
+    if (
+        count[most] >= (MIN_MARKS if zero or mark else MIN_EQUAL_VALUES)
+        and count[most] > 2 * typical
+    ):
         return np.array([places[most].real, places[most].imag, points[0, 2]])
     return None
 
@@ -137,7 +140,7 @@ def _judged(points: np.ndarray, at: np.ndarray, others: np.ndarray, mark: bool) 
     share = others.sum() / (others.sum() + at.sum())
     everything = _some(np.flatnonzero(at | others), LOOKED_AT, rng)
     between = (~at[_near(points, ask, everything)]).mean()
-    if share > LEAST_OTHERS and between > min(SCATTERED, share / 2):
+    if share > MIN_OTHERS and between > min(SCATTERED, share / 2):
         return 'mark'
     if not (mark and stands):
         return ''
@@ -161,7 +164,7 @@ def _some(index: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
 def _apart(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which points (n,) lie in small groups apart from the others, and one of them (3,)."""
     none = np.zeros(len(points), bool), np.zeros(3)
-    if len(points) < 2 * MANY:
+    if len(points) < 2 * MIN_EQUAL_VALUES:
         return none
     low, high = np.quantile(points, (0.01, 0.99), axis=0)
     some = points[_some(np.arange(len(points)), LOOKED_AT, np.random.default_rng(1))]
@@ -170,7 +173,7 @@ def _apart(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(cell) or cell <= 0:
         return none
     first, inverse, count = _cells(points, low, cell)
-    while len(first) > MOST_CELLS:
+    while len(first) > MAX_CELLS:
         cell *= 2
         first, inverse, count = _cells(points, low, cell)
     key = np.floor((points[first] - low) / cell)
@@ -180,7 +183,7 @@ def _apart(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     links = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(first), len(first)))
     _, label = sparse.csgraph.connected_components(links, directed=False)
     size_of = np.bincount(label, weights=count)
-    small = (size_of < max(FEW, APART_SHARE * len(points)))[label][inverse]
+    small = (size_of < max(MIN_MARKS, APART_SHARE * len(points)))[label][inverse]
     if not small.any() or small.mean() > 0.1:
         return none
     return small, points[np.flatnonzero(small)[0]]

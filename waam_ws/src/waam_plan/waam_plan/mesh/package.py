@@ -11,8 +11,8 @@ from xml.parsers import expat
 
 from waam_plan.texts import shown
 
-LARGEST = 1_000_000_000  # bytes of all parts that are read
-MOST_PACKED = 200  # times; a model of numbers is packed five to twenty times
+MAX_UNPACKED_BYTES = 1_000_000_000  # bytes of all parts that are read
+MAX_PACKED = 200  # times; a model of numbers is packed five to twenty times
 SMALL = 10_000_000  # bytes, which may be packed as they like
 CHUNK = 1_000_000  # bytes
 DEEPEST = 64  # elements in elements
@@ -38,7 +38,7 @@ class Package:
                     f'the archive holds {shown(info.filename)}, which is no name of a part'
                 )
             self._held[name] = info
-        self._left = LARGEST
+        self._left = MAX_UNPACKED_BYTES
 
     @property
     def names(self) -> list[str]:
@@ -56,7 +56,7 @@ class Package:
         info = self._held[name]
         if info.flag_bits & 1:
             raise ValueError(f'{shown(name)} is encrypted; save it without a password')
-        if info.file_size > max(SMALL, MOST_PACKED * info.compress_size):
+        if info.file_size > max(SMALL, MAX_PACKED * info.compress_size):
             raise ValueError(
                 f'{shown(name)} is packed {info.file_size // max(1, info.compress_size)} times, which no model is'
             )
@@ -65,7 +65,9 @@ class Package:
                 while piece := f.read(CHUNK):
                     self._left -= len(piece)
                     if self._left < 0:
-                        raise ValueError(f'the parts are larger than {LARGEST // 1_000_000} MB')
+                        raise ValueError(
+                            f'the parts are larger than {MAX_UNPACKED_BYTES // 1_000_000} MB'
+                        )
                     yield piece
         except (
             zipfile.BadZipFile,

@@ -19,7 +19,7 @@ _NUMBER = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf
 Mesh = tuple[np.ndarray, np.ndarray, list[str]]  # vertices (n, 3), faces (m, 3), notes
 
 
-LONGEST = 100_000  # characters of a line
+MAX_LINE_LENGTH = 100_000  # characters of a line
 
 
 class _Maker:
@@ -75,8 +75,8 @@ def _convex(corners: np.ndarray) -> bool:
 
 def _words(text: str) -> Iterator[tuple[int, list[str]]]:
     for number, line in numbered_lines(text):
-        if len(line) > LONGEST:
-            raise ValueError(f'line {number}: {len(line)} characters, {LONGEST} at most')
+        if len(line) > MAX_LINE_LENGTH:
+            raise ValueError(f'line {number}: {len(line)} characters, {MAX_LINE_LENGTH} at most')
         if words := line.partition('#')[0].split():
             yield number, words
 

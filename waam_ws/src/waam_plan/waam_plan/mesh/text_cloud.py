@@ -18,8 +18,8 @@ from waam_plan.texts import numbered_lines, rows_of_numbers, shown
 
 COMMENTS = ('#', '//', '%', '!')
 BLOCK = 50_000  # lines that are read together
-MOST_PASSED = 1_000_000  # empty lines and comments
-LONGEST = 20_000  # characters of a line
+MAX_PASSED = 1_000_000  # empty lines and comments
+MAX_LINE_LENGTH = 20_000  # characters of a line
 LOOKED_AT = 1000  # lines by which separator and decimal sign are known
 NO_VALUE = {
     '',
@@ -179,15 +179,15 @@ class _Rows:
         passed = 0
         for number, line in numbered_lines(self.text):
             line = line.strip(' \n\v\f')
-            if len(line) > LONGEST:
+            if len(line) > MAX_LINE_LENGTH:
                 raise ValueError(f'line {number}: {len(line)} characters are no row of points')
             if line.strip() and not line.lstrip().startswith(COMMENTS):
                 yield number, line
             else:
                 passed += 1
-                if passed > MOST_PASSED:
+                if passed > MAX_PASSED:
                     raise ValueError(
-                        f'line {number}: more than {MOST_PASSED} empty lines and comments'
+                        f'line {number}: more than {MAX_PASSED} empty lines and comments'
                     )
 
     def _commented(self, before: int) -> list[str]:

@@ -15,8 +15,8 @@ from waam_plan.mesh.slicer_parts import Pieces, pieces_of
 
 UNITS = {'micron': 1e-6, 'millimeter': 1e-3, 'centimeter': 1e-2, 'inch': 0.0254, 'foot': 0.3048}
 UNITS['meter'] = 1.0
-MOST_VISITS = 20_000  # of objects, by items and components
-MOST = 10_000_000  # triangles
+MAX_VISITS = 20_000  # of objects, by items and components
+MAX_TRIANGLES = 10_000_000  # triangles
 
 Key = tuple[str, str]  # part, id of an object
 
@@ -104,15 +104,15 @@ class _Build:
                 open_.add(key)
                 todo.append((key, True))
                 todo += [(self.key(c, key[0]), False) for c in self.object(key).components]
-            if len(open_) > MOST_VISITS:
+            if len(open_) > MAX_VISITS:
                 raise ValueError('components refer to each other without end')
-        if sum(visits[k] for k in items) > MOST_VISITS:
+        if sum(visits[k] for k in items) > MAX_VISITS:
             count = sum(visits[k] for k in items)
             raise ValueError(
-                f'components of components make {count:.3g} objects, more than {MOST_VISITS} are not built'
+                f'components of components make {count:.3g} objects, more than {MAX_VISITS} are not built'
             )
-        if sum(faces[k] for k in items) > MOST:
-            raise ValueError(f'more than {MOST} triangles')
+        if sum(faces[k] for k in items) > MAX_TRIANGLES:
+            raise ValueError(f'more than {MAX_TRIANGLES} triangles')
 
     def _collect(self, key: Key, at: np.ndarray) -> None:
         """Meshes of an object and of its components, placed; at: (4, 3)."""

@@ -11,7 +11,7 @@ import numpy as np
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.preview.picture import LayerEstimate, estimates
 
-MOST_POINTS = 300_000  # drawn; longer programs are thinned out
+MAX_POINTS = 300_000  # drawn; longer programs are thinned out
 HERE = Path(__file__).parent
 COLUMNS = (
     ('layer', lambda e: f'{e.number}'),
@@ -103,7 +103,7 @@ def _row(e: LayerEstimate) -> str:
 def _data(plan: Plan) -> dict:
     """Lengths in hundredths of a millimetre."""
     total = sum(len(layer.segments) for layer in plan.layers)
-    every = max(1, -(-total // MOST_POINTS))
+    every = max(1, -(-total // MAX_POINTS))
     nominal = plan.settings.layer_height
     return {'layers': [_runs(layer, every, nominal) for layer in plan.layers]}
 

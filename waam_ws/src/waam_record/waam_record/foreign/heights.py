@@ -7,14 +7,14 @@ import numpy as np
 from . import messages as own
 from .tally import Tally
 
-MOST = 5000  # segments of a layer
+MAX_SEGMENTS = 5000  # segments of a layer
 LAYERS = 100_000
 
 
 def long_table(layer: np.ndarray, segment: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
     """Rows (n,) as they are, with which of them are good (n,)."""
     whole = (layer == np.round(layer)) & (segment == np.round(segment))
-    good = whole & (layer >= 0) & (layer < LAYERS) & (segment >= 0) & (segment < MOST)
+    good = whole & (layer >= 0) & (layer < LAYERS) & (segment >= 0) & (segment < MAX_SEGMENTS)
     return layer, segment, z, good
 
 

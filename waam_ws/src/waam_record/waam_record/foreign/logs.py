@@ -14,7 +14,7 @@ from .propose import propose, together
 from .tally import Tally
 from .text import Table, read_table
 
-LARGEST = 1 << 30  # bytes of a log
+MAX_LOG_BYTES = 1 << 30  # bytes of a log
 
 
 @dataclass
@@ -43,8 +43,8 @@ def read_logs(paths: list[Path], mapping: dict[str, FileMap] | None, name: str) 
 
 def _bytes(path: Path) -> bytes:
     try:
-        if path.stat().st_size > LARGEST:
-            raise BagError(f'{path}: larger than {LARGEST >> 30} GiB')
+        if path.stat().st_size > MAX_LOG_BYTES:
+            raise BagError(f'{path}: larger than {MAX_LOG_BYTES >> 30} GiB')
         return path.read_bytes()
     except OSError as e:
         raise BagError(f'{path}: {e.strerror or e}') from None

@@ -60,7 +60,7 @@ def _kind(table: Table, name: str) -> str:
     filled = [t for t in _values(table, name) if not missing(t)]
     if not filled:
         return 'empty'
-    need = times.ENOUGH * len(filled)
+    need = times.MIN_SHARE_OF_FORMAT * len(filled)
     decimal = table.form.decimal
     if sum(not math.isnan(number(t, decimal)) for t in filled) >= need:
         return 'number'

@@ -12,7 +12,7 @@ from ..bag_writer import BagError
 DELIMITERS = {'tab': '\t', ';': ';', ',': ',', 'blank': ' '}  # as a mapping names them
 SAMPLE = 400  # lines that the form of a file is found from
 SHARE = 0.6  # of these lines must have the same number of cells
-MOST_CELLS = 4096  # columns of a table
+MAX_CELLS = 4096  # columns of a table
 POINT = re.compile(r'[-+]?\d+\.\d*(e[-+]?\d+)?', re.IGNORECASE | re.ASCII)
 COMMA = re.compile(r'[-+]?\d+,\d+(e[-+]?\d+)?', re.IGNORECASE | re.ASCII)
 MISSING = ('', 'nan', 'none', 'null', 'n/a', '-')
@@ -131,7 +131,7 @@ def _usual(full: list[tuple[int, str]], delimiter: str) -> int:
     """Number of cells that most lines have; 0 when they do not agree."""
     counts = [len(_cells(line, delimiter)) for _, line in full]
     usual = max(set(counts), key=counts.count)
-    return usual if counts.count(usual) >= SHARE * len(counts) and usual <= MOST_CELLS else 0
+    return usual if counts.count(usual) >= SHARE * len(counts) and usual <= MAX_CELLS else 0
 
 
 def _decimal(full: list[tuple[int, str]], delimiter: str) -> str:
@@ -202,8 +202,8 @@ def _without_joints(head: list[str], cells: int) -> tuple[list[str], list[str]]:
 
 
 def _check(name: str, form: Form, head: list[str], rows: list, skipped: list) -> None:
-    if len(head) > MOST_CELLS:
-        raise BagError(f'{name}: {len(head)} columns, at most {MOST_CELLS} are read')
+    if len(head) > MAX_CELLS:
+        raise BagError(f'{name}: {len(head)} columns, at most {MAX_CELLS} are read')
     if rows:
         return
     if not skipped:

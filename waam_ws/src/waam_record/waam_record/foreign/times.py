@@ -9,7 +9,7 @@ from decimal import Decimal, InvalidOperation
 
 S = 1_000_000_000
 LAST = (1 << 31) * S  # ns; stamps of ROS end there, in 2038
-ENOUGH = 0.6  # of the texts must have a format
+MIN_SHARE_OF_FORMAT = 0.6  # of the texts must have a format
 ABSOLUTE = 10**8 * S  # ns; a smaller largest number counts from a start
 NUMBERS = {'s': S, 'ms': 10**6, 'us': 10**3, 'ns': 1}
 WRAPS = {'minute_second': 3600 * S, 'clock': 86400 * S}
@@ -108,13 +108,13 @@ def guess(texts: list[str], name: str) -> tuple[str, str] | None:
     """Format of most of these texts and what in it is guessed ('' = nothing); None when none fits. name: of the
     column, its unit included."""
     for form in ('minute_second', 'clock', 'year_first'):
-        if _share(texts, form) > ENOUGH:
+        if _share(texts, form) > MIN_SHARE_OF_FORMAT:
             return form, ''
     day, month = (_share(texts, form) for form in ('day_first', 'month_first'))
-    if max(day, month) > ENOUGH:
+    if max(day, month) > MIN_SHARE_OF_FORMAT:
         why = 'day before month: both fit' if day == month else ''
         return ('day_first' if day >= month else 'month_first'), why
-    return _unit_of(texts, name) if _share(texts, 's') > ENOUGH else None
+    return _unit_of(texts, name) if _share(texts, 's') > MIN_SHARE_OF_FORMAT else None
 
 
 def _share(texts: list[str], form: str) -> float:

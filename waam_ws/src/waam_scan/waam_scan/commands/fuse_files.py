@@ -27,7 +27,7 @@ from ..transform import Mounting
 from .file_info import CLOUDS
 from .picture import save_ply, save_png
 
-LARGEST = 4_000_000  # cells of a map
+MAX_MAP_CELLS = 4_000_000  # cells of a map
 MAX_GAP_NS = 100_000_000  # between two recorded poses
 BLOCK = 4096  # profiles per step
 MARGIN = 1e-3  # m of height beyond the points
@@ -39,10 +39,10 @@ def grid_around(low: np.ndarray, high: np.ndarray, cell: float) -> GridSpec:
         raise ValueError('no point with finite coordinates')
     corner = np.floor(low[:2] / cell) * cell
     cells = np.prod(np.floor((high[:2] - corner) / cell) + 1)
-    if cells > LARGEST:
+    if cells > MAX_MAP_CELLS:
         raise ValueError(
             f'{(high[0] - low[0]) * 1e3:.0f} x {(high[1] - low[1]) * 1e3:.0f} mm in cells of {cell * 1e3:g} mm are '
-            f'{cells:.0f} cells, limit {LARGEST} (unit of the file wrong? see --scale)'
+            f'{cells:.0f} cells, limit {MAX_MAP_CELLS} (unit of the file wrong? see --scale)'
         )
     return GridSpec.covering(corner[0], corner[1], high[0] + 1e-9, high[1] + 1e-9, cell)
 

@@ -14,11 +14,11 @@ from numba import njit
 from .kernels import AMPLITUDE, COUNT, OPEN, PHASE, PLACE, UNITS, distinct
 
 MAD_TO_SIGMA = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
-ENOUGH = 5  # samples from which the scatter of a cell says something about noise
+MIN_SAMPLES_OF_SCATTER = 5  # samples from which the scatter of a cell says something about noise
 WEAK = 4  # cells with fewer samples need a neighbour at a similar height
 ALL_AROUND = 5  # known neighbours of a cell from which on they say whether it stands alone
 PRIOR = 8.0  # degrees of freedom that the scatter of the whole map counts against that of a cell
-LEAST_RESULTANT = 0.3  # of the unit vectors; below, the points are spread over the period and the phase says nothing
+MIN_RESULTANT = 0.3  # of the unit vectors; below, the points are spread over the period and the phase says nothing
 AGREE = 4.0  # standard deviations that the two estimates may be apart
 
 
@@ -60,7 +60,7 @@ def sine_estimate(word, total, n, low, unit, level):
     shift = AMPLITUDE * np.int64(n)
     c = np.float64(np.int64(word & np.uint64(0xFFFFFFFF)) + total[0] - shift)
     s = np.float64(np.int64(word >> np.uint64(32)) + total[1] - shift)
-    if c * c + s * s < (LEAST_RESULTANT * AMPLITUDE * n) ** 2:
+    if c * c + s * s < (MIN_RESULTANT * AMPLITUDE * n) ** 2:
         return np.nan
     period = UNITS * unit
     h = low + np.arctan2(s, c) / (2 * np.pi) * period
@@ -186,7 +186,9 @@ def inliers(
     stride = height.shape[1]
     for cell in range(start, stop):
         m = np.int64(halves[cell, 7])
-        limit = factor * max(scatter[cell], pooled) if m >= ENOUGH else factor * pooled
+        limit = (
+            factor * max(scatter[cell], pooled) if m >= MIN_SAMPLES_OF_SCATTER else factor * pooled
+        )
         k, total, square = 0, 0.0, 0.0
         for i in range(m):
             d = reduced(rows[cell, i], low, unit, gx[cell], gy[cell]) - level[cell]

@@ -7,7 +7,7 @@ import numpy as np
 from .quality import enclosed
 
 STEPS = 4000
-CLOSE = 1e-8  # m, change per step at which the filling has converged
+FILL_TOLERANCE = 1e-8  # m, change per step at which the filling has converged
 
 
 def fill_holes(z: np.ndarray, resolution: float, largest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ def _membrane(z: np.ndarray, hole: np.ndarray) -> np.ndarray:
         new = _neighbours(values)[hole] / weight[hole]
         change = np.abs(new - values[hole]).max()
         values[hole] = new
-        if change < CLOSE:
+        if change < FILL_TOLERANCE:
             break
     return np.where(hole, values, z)
 

@@ -20,7 +20,7 @@ from .kernels import UNITS, read_only, rows_seen
 from .limits import FusionLimits
 
 PARALLEL_FROM = 200_000  # points of a batch that are worth a second thread
-LEAST_PERIOD = 1.6384e-3  # m: wide against noise, narrow against spikes; height unit 0.1 um
+MIN_PERIOD = 1.6384e-3  # m: wide against noise, narrow against spikes; height unit 0.1 um
 # coarse cells need a longer period, because their points lie higher and lower on a slope
 CELLS_PER_PERIOD = 0.25
 
@@ -71,7 +71,7 @@ class Fusion:
             raise ValueError(
                 f'height_min {limits.height_min} m must be below height_max {limits.height_max} m'
             )
-        self._unit = max(LEAST_PERIOD, self.spec.resolution / CELLS_PER_PERIOD) / UNITS
+        self._unit = max(MIN_PERIOD, self.spec.resolution / CELLS_PER_PERIOD) / UNITS
         self._parts = [self._accumulator()]
         self._heights = CellHeights(self._parts[0])
         self._workers = Workers(self.threads)

@@ -11,7 +11,7 @@ from .accumulator import Accumulator, Workers
 from .kernels import UNITS
 from .limits import FusionLimits
 
-LEAST_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
+MIN_CELLS = 20  # cells with enough samples, before the map's own scatter is believed
 NEEDLE = 6.0  # cells; nothing in one cell stands so far above or below all of its neighbours
 WITNESSES = 50_000  # cells from which the scatter of the map is estimated; more do not improve it
 PLAUSIBLE_RATIO = 9.0  # cells whose variance is further above the median are edges and left out of the noise estimate
@@ -107,7 +107,7 @@ class CellHeights:
     def _witnesses(self) -> np.ndarray:
         """Cells whose samples give the scatter, in the order of the grid, whatever their layout in memory."""
         c = self._cells
-        good = c.in_lines(c.halves[:, 7] >= ck.ENOUGH)
+        good = c.in_lines(c.halves[:, 7] >= ck.MIN_SAMPLES_OF_SCATTER)
         if c.turned:
             place, line = np.nonzero(good.T)
         else:
@@ -117,12 +117,12 @@ class CellHeights:
     def _rough(self, enough: np.ndarray, noise: float) -> float:
         """First idea of the scatter (m) from medians alone, of the cells `enough`: decides about spikes."""
         known = self._scatter[enough]
-        rough = float(np.median(known)) if len(known) >= LEAST_CELLS else 0.0
+        rough = float(np.median(known)) if len(known) >= MIN_CELLS else 0.0
         return rough if rough > 0 else noise
 
     def _pooled(self, enough: np.ndarray) -> float:
         """Standard deviation (m) of the inliers of the cells `enough` but edges; NaN when there is none."""
-        good = enough[self._kept[enough] >= ck.ENOUGH]
+        good = enough[self._kept[enough] >= ck.MIN_SAMPLES_OF_SCATTER]
         if not len(good):
             return float('nan')
         squares, freedom = self._squares[good], self._kept[good] - 1

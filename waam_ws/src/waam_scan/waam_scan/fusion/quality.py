@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from .cell_kernels import ENOUGH
+from .cell_kernels import MIN_SAMPLES_OF_SCATTER
 from .height_map import FusedMap
 
 # a cell on a steeper surface spans more than 2.7 times its edge in height
@@ -75,7 +75,7 @@ def assess(fused: FusedMap) -> MapQuality:
     count = max(1, int(known.sum()))
     with np.errstate(invalid='ignore'):
         edges = fused.scatter[known] > EDGE * fused.residual
-    edges |= (fused.share[known] < 1 - MINORITY) & (fused.count[known] >= ENOUGH)
+    edges |= (fused.share[known] < 1 - MINORITY) & (fused.count[known] >= MIN_SAMPLES_OF_SCATTER)
     return MapQuality(
         holes=holes,
         hole_area=float(areas.sum()),

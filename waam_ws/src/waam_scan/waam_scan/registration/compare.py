@@ -10,8 +10,8 @@ from waam_process.grid import GridSpec, HeightGrid
 
 MARGIN_CELLS = 4  # around the part
 REAL = 3.0  # standard uncertainties from which a depth is more than chance
-LEAST = 0.1e-3  # m, and at least this deep: creases of the nominal part come out this round
-SMALLEST = 4  # cells of a region that is worth naming
+MIN_DEPTH = 0.1e-3  # m, and at least this deep: creases of the nominal part come out this round
+MIN_REGION_CELLS = 4  # cells of a region that is worth naming
 
 
 @dataclass(frozen=True)
@@ -116,11 +116,11 @@ def missing_metal(
     own = found.sigma if found.sigma is not None else np.zeros(found.z.shape)
     sigma = np.where(seen, np.nan_to_num(own), np.nan)
     cell = nominal.spec.resolution**2
-    less = seen & (np.nan_to_num(depth) > np.maximum(REAL * np.nan_to_num(sigma), LEAST))
+    less = seen & (np.nan_to_num(depth) > np.maximum(REAL * np.nan_to_num(sigma), MIN_DEPTH))
     volume = float(depth[less].sum()) * cell
     chance = float(np.sqrt(np.square(sigma[less]).sum())) * cell
     shared = level_sigma * float(less.sum()) * cell
-    more = seen & (np.nan_to_num(depth) < -np.maximum(REAL * np.nan_to_num(sigma), LEAST))
+    more = seen & (np.nan_to_num(depth) < -np.maximum(REAL * np.nan_to_num(sigma), MIN_DEPTH))
     calm = _median3(depth)
     return Missing(
         nominal=nominal,
@@ -172,7 +172,7 @@ def _outline(spec: GridSpec, cells: np.ndarray) -> tuple[float, float, float, fl
 
 
 def _regions(spec: GridSpec, calm: np.ndarray, depth: np.ndarray, less: np.ndarray) -> list[Region]:
-    """Connected places of at least SMALLEST cells, the largest volume first."""
+    """Connected places of at least MIN_REGION_CELLS cells, the largest volume first."""
     from scipy import ndimage
 
     label, count = ndimage.label(less, np.ones((3, 3)))
@@ -180,7 +180,7 @@ def _regions(spec: GridSpec, calm: np.ndarray, depth: np.ndarray, less: np.ndarr
     for i, window in enumerate(ndimage.find_objects(label), 1):
         cells = np.zeros(less.shape, bool)
         cells[window] = label[window] == i
-        if cells.sum() < SMALLEST:
+        if cells.sum() < MIN_REGION_CELLS:
             continue
         deep = np.where(cells, calm, -np.inf)
         row, col = np.unravel_index(int(np.nanargmax(deep)), deep.shape)

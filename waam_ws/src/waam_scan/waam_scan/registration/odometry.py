@@ -19,7 +19,9 @@ from .solve import register
 from .target import Cloud, CloudTarget, Target
 
 MAP_POINTS = 150_000  # of the merged frames
-REACH = 12  # voxels by which KISS-ICP may be wrong from frame to frame on smooth surfaces
+MAX_VOXELS_PER_FRAME = (
+    12  # voxels by which KISS-ICP may be wrong from frame to frame on smooth surfaces
+)
 AGREED = 0.2  # share of a frame that may lie beside the frames before
 UNIT = 1e3  # KISS-ICP's convergence limits are absolute: it works in mm here
 
@@ -96,7 +98,7 @@ def track(
         guesses = [poses[-1] @ s for s in (step, last, np.eye(4))]
         cloud = Cloud.of(frames[number], seed=seed)
         target = CloudTarget(Cloud.of(merged, seed=seed))
-        found = _refine(cloud, target, guesses, change, REACH * voxel, seed)
+        found = _refine(cloud, target, guesses, change, MAX_VOXELS_PER_FRAME * voxel, seed)
         pose = guesses[0] if found is None else found.matrix
         notes += _remarks(number, found)
         poses.append(pose)

@@ -9,7 +9,7 @@ from .target import Cloud, Target
 
 TURNS = 24  # angles that are tried
 WIDE = (20e-3, 10e-3, 5e-3)  # m, capture while the guess settles
-NEAR = 1.0e-3  # m, points this close agree
+AGREEMENT_RADIUS = 1.0e-3  # m, points this close agree
 RIVAL = 0.95  # share of the best agreement from which another angle is as good
 
 
@@ -32,7 +32,7 @@ def search_placement(
     if share < 0.2:
         raise RegistrationError(
             f'the part was not found: at the best angle only {share:.0%} of the points lie within '
-            f'{NEAR * 1e3:.0f} mm of the reference'
+            f'{AGREEMENT_RADIUS * 1e3:.0f} mm of the reference'
         )
     rivals = [f for f in found[1:] if f[0] > RIVAL * share and _apart(f[2], best) > np.radians(10)]
     notes = [
@@ -83,7 +83,7 @@ def _agreement(few: Cloud, target: Target, guess: np.ndarray) -> float:
     p = few.points @ guess[:3, :3].T + guess[:3, 3]
     m = target.match(p)
     alike = np.abs(np.einsum('ij,ij->i', few.normals @ guess[:3, :3].T, m.normal)) > 0.8
-    return float((alike & (np.linalg.norm(p - m.foot, axis=1) < NEAR)).mean())
+    return float((alike & (np.linalg.norm(p - m.foot, axis=1) < AGREEMENT_RADIUS)).mean())
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:

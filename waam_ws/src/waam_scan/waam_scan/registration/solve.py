@@ -26,11 +26,11 @@ from .words import free_motions
 
 POINTS = 40_000  # of the moving cloud
 TUKEY = 4.685
-ALIKE = 0.85  # cosine between the normals of two points that belong together
+MIN_NORMAL_COSINE = 0.85  # cosine between the normals of two points that belong together
 FIRST = 1.0e-3  # m, first limit where metal was added or is missing: a wider one would follow it
 LAST_STEPS = 4  # estimates with what has changed left out
 RESTED = 0.1  # tolerances by which the last estimate may move
-LEAST_PAIRS = 100
+MIN_PAIRS = 100
 CHANGES = ('growth', 'wear', 'any')
 
 
@@ -79,7 +79,7 @@ class _Fit:
         alike = np.einsum('ij,ij->i', own, m.normal)
         if self.target.exact:
             alike = np.abs(alike)  # an open mesh has no known inside
-        return _Pairs(r, rows, other, m.ok, m.ok & (alike > ALIKE))
+        return _Pairs(r, rows, other, m.ok, m.ok & (alike > MIN_NORMAL_COSINE))
 
     @property
     def usable(self) -> np.ndarray:
@@ -189,7 +189,7 @@ def _step(
     step = fit.step_to(icp.align(fit.matrix, limit, settled, keep))
     pairs = fit.pairs()
     w = np.where(fit.usable, tukey_weights(pairs.distance, limit), 0.0)
-    if (w > 0).sum() < LEAST_PAIRS:
+    if (w > 0).sum() < MIN_PAIRS:
         raise RegistrationError(
             f'the surfaces do not agree anywhere within {limit * 1e3:.2f} mm: start or --reach is wrong'
         )
