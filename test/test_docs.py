@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import math
 import re
@@ -12,6 +13,7 @@ import pytest
 from code_names import C_NAME, NAME, ROOT, SRC, c_exists, exists
 from test_readmes import configured
 
+from waam_bringup.cli import build_parser
 from waam_node import job_folder
 from waam_plan.settings import PlanSettings
 
@@ -213,3 +215,49 @@ def test_prose_that_is_too_long_is_found():
 @pytest.mark.parametrize('page', MARKDOWN, ids=short)
 def test_prose_is_wrapped(page):
     assert not unwrapped(page.read_text())
+
+
+# ---- commands ------------------------------------------------------------------------------
+
+COMMAND = re.compile(r'(?<![\w/.-])(?:\./)?waam ((?:[a-z][\w-]*)(?: [^`\n|]*)?)')
+COMMANDS = build_parser()
+
+
+def unknown_in(command: str) -> list[str]:
+    """Verbs and options of `waam COMMAND` that it does not have."""
+    words = re.sub(r'\s#.*|  .*', '', command).split()
+    parser = COMMANDS
+    while words and (verbs := verbs_of(parser)) and re.fullmatch(r'[a-z][a-z-]*', words[0]):
+        if words[0] not in verbs:
+            return [words[0]]
+        parser = verbs[words.pop(0)]
+    options = {w.split('=')[0].rstrip('.,;:)]') for w in words if re.match(r'\[?--[a-z]', w)}
+    return sorted(o for o in (o.lstrip('[') for o in options) if o not in options_of(parser))
+
+
+def verbs_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    found = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    return dict(found[0].choices) if found else {}
+
+
+def options_of(parser: argparse.ArgumentParser) -> set[str]:
+    return {o for a in parser._actions for o in a.option_strings}
+
+
+def commands_in(text: str) -> list[str]:
+    """Of blocks of code and of code within a line."""
+    blocks = re.findall(r'^```\w*\n(.*?)^```', text, re.M | re.S)
+    inline = re.findall(r'`([^`\n]+)`', re.sub(r'^```.*?^```', '', text, flags=re.M | re.S))
+    return [m for code in [*blocks, *inline] for m in COMMAND.findall(code)]
+
+
+def test_a_command_that_does_not_exist_is_found():
+    assert unknown_in('calibrate arc') == ['arc']
+    assert unknown_in('view job.mcap --follow') == ['--follow']
+    assert unknown_in('job run part.stl --as-found worn.stl  # a comment --no') == []
+
+
+@pytest.mark.parametrize('page', [p for p in [*PAGES, *READMES] if p.name not in PAST], ids=short)
+def test_commands_exist(page):
+    wrong = {c: w for c in commands_in(page.read_text()) if (w := unknown_in(c))}
+    assert not wrong
