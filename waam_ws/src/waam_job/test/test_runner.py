@@ -178,6 +178,23 @@ def test_silent_node_is_named(make_cell, make_runner):
     assert any(a.class_name == 'node' for a in cell.anomalies)
 
 
+def test_an_alarm_names_the_node_that_fell_silent_before(make_cell, make_runner):
+    cell = make_cell()
+
+    def alarm(c):
+        c.machine_state = replace(
+            c.machine_state,
+            state='ALARM',
+            fault=303,
+            fault_text='process inputs lost',
+            silent_nodes=('recorder',),
+        )
+
+    first_deposit_after(cell, 30)(alarm)
+    status = make_runner(cell)[0].run()
+    assert 'process inputs lost; recorder fell silent before' in status.message
+
+
 def test_late_node_that_comes_back_is_resumed_and_counted(make_cell, make_runner):
     cell = make_cell()
 

@@ -82,6 +82,8 @@ class Watch:
     def _check_alarm(self, machine: Machine) -> None:
         if machine.state == 'ALARM':
             text = f'controller in ALARM: {machine.fault_text or machine.fault}'
+            if machine.silent_nodes:
+                text += f'; {", ".join(machine.silent_nodes)} fell silent before'
             kind = CLASS_OF_FAULT.get(machine.fault, 'link')
             self.note('ALARM', kind, text, 'arc and motion ended by the controller, job ended')
             raise JobError(Code.DEPOSITION_FAILED, text)
