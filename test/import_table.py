@@ -118,7 +118,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_panel/waam_panel/archive_page.py': 'asks the archive of jobs; ages are told from today',
     'waam_panel/waam_panel/(api|auditing|bodies|cell|commanding|gate|routes|security|shop_api|stream|web).py':
         'the web server',
-    'waam_panel/waam_panel/beside.py': 'threads for what may wait for a disk; says for how long it does',
+    'waam_panel/waam_panel/background.py': 'threads for what may wait for a disk; says for how long it does',
     'waam_panel/waam_panel/stop_lane.py': 'a process that serves only STOP',
     'waam_panel/waam_panel/standoff_page.py': 'the web server',
     'waam_panel/waam_panel/(people|shop_link).py': 'the files of the shop and of jobs, once a second',

@@ -245,7 +245,9 @@ async def _archive(request: web.Request) -> web.Response:
     cell: Cell = request.app[CELL]
     look = not cell.state.job_running
     try:
-        found = await cell.beside.thread('archive', cell.archive.answer, dict(request.query), look)
+        found = await cell.background.thread(
+            'archive', cell.archive.answer, dict(request.query), look
+        )
     except QuestionError as e:
         return web.json_response({'ok': False, 'message': str(e)}, status=400)
     except (ArchiveError, OSError) as e:
@@ -273,7 +275,7 @@ async def _map(request: web.Request) -> web.Response:
 async def _preview(request: web.Request) -> web.Response:
     cell = request.app[CELL]
     try:
-        picture = await cell.beside.thread('files', cell.preview.read_bytes)
+        picture = await cell.background.thread('files', cell.preview.read_bytes)
     except OSError:
         raise web.HTTPNotFound from None
     return web.Response(body=picture, content_type='image/png')

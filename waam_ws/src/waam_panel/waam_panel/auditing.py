@@ -13,7 +13,7 @@ from typing import Any
 
 from aiohttp import web
 
-from .beside import AUDIT
+from .background import AUDIT
 from .cell import CELL, Cell
 from .routes import visitor
 from .security import COOKIE, Visitor
@@ -48,7 +48,7 @@ def _begin(
                 raise OSError(0, f'{MAX_WAITING_ENTRIES} entries wait already')
             cell.entries += 1
             try:
-                await cell.beside.thread(AUDIT, put)
+                await cell.background.thread(AUDIT, put)
             finally:
                 cell.entries -= 1
         except OSError as e:

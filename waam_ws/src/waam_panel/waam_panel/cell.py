@@ -25,7 +25,7 @@ from waam_view.mailbox import Mailbox
 
 from . import calibrated, history, pictures
 from .archive_page import ArchivePage
-from .beside import Beside
+from .background import BackgroundTasks
 from .gate import Gate
 from .operations import InShop, Operations, Refused
 from .parts import PartFolders
@@ -69,7 +69,7 @@ class Cell:
 
     def __post_init__(self) -> None:
         self.archive, self.programs = ArchivePage(self.jobs_dir), Programs(self.parts)
-        self.work_lock, self.beside = asyncio.Lock(), Beside()
+        self.work_lock, self.background = asyncio.Lock(), BackgroundTasks()
         self.throttle = Throttle(self.wrong_token_s)
         self.entries = 0  # of the audit log that wait
         self.writing: set[asyncio.Task[str]] = set()
@@ -91,7 +91,7 @@ class Cell:
                 f'{self.entries} entries of the audit log were not written before the panel ended'
             )
             print(f'waam: {text}', file=sys.stderr, flush=True)
-        self.beside.close()
+        self.background.close()
         self._scratch.cleanup()
 
     def at_once(self, order: bytes) -> None:
@@ -135,7 +135,7 @@ class Cell:
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
             self.state.look(time.monotonic(), time.time())
-            self.beside.start('error map', self._judge)
+            self.background.start('error map', self._judge)
             if turn % self.shop_turns == 0 and self.shop:
                 self.shop.tick(self)
             await asyncio.sleep(PUMP_S)
@@ -143,11 +143,11 @@ class Cell:
     def _look_at_calibrations(self, now: float, utc: float) -> None:
         async def look() -> None:
             folder = self.calibrations
-            changed = await self.beside.thread('calibrations', calibrated.changed, folder)
+            changed = await self.background.thread('calibrations', calibrated.changed, folder)
             self._calibrated.look(folder, changed, self.state, self.settings, now, utc)
 
         if self.calibrations is not None:
-            self.beside.start('calibrations', look)
+            self.background.start('calibrations', look)
 
     async def _judge(self) -> None:
         """Draws the error of a scan once the job has written the surface wanted after its layer."""
@@ -158,7 +158,7 @@ class Cell:
         if self._judged == this or job_folder.job_of(scan['job_id']) != job['id']:
             return
         folder, layer = Path(job['dir']), scan['layer']
-        error = await self.beside.thread(
+        error = await self.background.thread(
             'error map', error_after, folder, layer, scan['spec'], scan['z']
         )
         if error is not None:
@@ -210,7 +210,9 @@ class Cell:
         async with self.work_lock:
             if history.report_is_old(folder):
                 await work(['report', str(folder)])
-            return await self.beside.thread('files', read_bytes, folder / job_folder.REPORT_PAGE)
+            return await self.background.thread(
+                'files', read_bytes, folder / job_folder.REPORT_PAGE
+            )
 
 
 CELL: web.AppKey[Cell] = web.AppKey('cell', Cell)  # where the server keeps it

@@ -120,7 +120,7 @@ def listing(read: Callable[[Cell], Any]) -> Handler:
 
     async def handler(request: web.Request) -> web.Response:
         cell = request.app[CELL]
-        return web.json_response(await cell.beside.thread('files', read, cell))
+        return web.json_response(await cell.background.thread('files', read, cell))
 
     return handler
 
@@ -140,7 +140,7 @@ def upload_route(path: str, name: str, folders: Callable[[Cell], PartFolders]) -
         data, file = await bodies.read(request), request.query.get('name', '')
 
         async def save(cell: Cell, _: dict[str, Any]) -> dict[str, Any]:
-            stored = await cell.beside.thread('uploads', folders(cell).save, file, data)
+            stored = await cell.background.thread('uploads', folders(cell).save, file, data)
             return {'message': f'{stored} is stored', 'name': stored}
 
         try:

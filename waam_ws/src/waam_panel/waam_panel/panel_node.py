@@ -200,7 +200,9 @@ class Panel(WaamNode):
         self.values = {
             'page': self.url, 'pages_open': cell.pages if cell else 0, 'dropped': self._mailbox.dropped,
         }  # fmt: skip
-        problem = self._server.problem or (cell.beside.problem() or cell.problem if cell else '')
+        problem = self._server.problem or (
+            cell.background.problem() or cell.problem if cell else ''
+        )
         self.level, self.message = (WARN, problem) if problem else (OK, 'ok')
 
     def close(self) -> None:

@@ -51,7 +51,7 @@ async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
     by = WHO.get()
     fields = fields_of(data, cell.materials)
     file = file_of(fields, cell.parts)
-    digest = await cell.beside.thread('files', sha256_of, file)
+    digest = await cell.background.thread('files', sha256_of, file)
     now = time.time()
     queue = await _change(cell, lambda q: q.add(fields, by, now, digest))
     return {'message': f'item {queue.last} waits', 'id': queue.last}
@@ -59,7 +59,7 @@ async def queue_add(cell: Cell, data: dict[str, Any]) -> dict[str, Any]:
 
 async def _change(cell: Cell, change: Callable[[Queue], Queue]) -> Queue:
     try:
-        return await cell.beside.thread('queue', shop_of(cell).queue.change, change)
+        return await cell.background.thread('queue', shop_of(cell).queue.change, change)
     except OSError as e:
         raise Refused(f'the queue cannot be written: {e.strerror}') from None
 
@@ -134,7 +134,7 @@ async def notify_test(cell: Cell, _: dict[str, Any]) -> str:
     failed = [
         t.name
         for t in targets
-        if not await cell.beside.thread('test message', send, t, title, 'A test message.')
+        if not await cell.background.thread('test message', send, t, title, 'A test message.')
     ]
     if not targets:
         raise Refused('there are no targets (waam notify init)')
@@ -150,7 +150,7 @@ def answers(read: Callable[[Cell], Any]) -> Handler:
     async def handler(request: web.Request) -> web.Response:
         try:
             cell = request.app[CELL]
-            return web.json_response(await cell.beside.thread(name, read, cell))
+            return web.json_response(await cell.background.thread(name, read, cell))
         except (Refused, ValueError, OSError) as e:
             return web.json_response({'ok': False, 'message': str(e)}, status=409)
 

@@ -1,6 +1,6 @@
 """What ties a panel to its shop: once a second the queue is run, the state of the cell told, people are told. No ROS.
 
-Each has a task and a thread of its own (`beside`): a lock or a disk that hangs holds up that one, not the display.
+Each has a task and a thread of its own (`background`): a lock or a disk that hangs holds up that one, not the display.
 
 Two panels of one cell: only the first one does that, the other one shows.
 """
@@ -23,7 +23,7 @@ from waam_shop.runner import CellView, Runner
 from waam_shop.shop_folder import Shop
 
 from . import calibrated
-from .beside import AUDIT
+from .background import AUDIT
 from .cell import Cell
 from .deeds import Deed, Deeds
 from .operations import Place, Refused
@@ -61,27 +61,27 @@ class ShopLink:
 
     def tick(self, cell: Cell) -> None:
         """Starts what is due; what the disk refuses is reported by `beside`."""
-        beside = cell.beside
+        background = cell.background
         if self.notifier.problem:
             cell.problem = self.notifier.problem
 
         async def own() -> None:
-            self._first = await beside.thread('shop', self._owner.take)
+            self._first = await background.thread('shop', self._owner.take)
 
         async def tell() -> None:
-            await beside.thread('status', self.shop.tell, self.status(cell))
+            await background.thread('status', self.shop.tell, self.status(cell))
 
         async def people() -> None:
-            await beside.thread('messages', self._people.look, cell.state)
+            await background.thread('messages', self._people.look, cell.state)
 
-        beside.start('shop', own)
+        background.start('shop', own)
         if not self._first:
             return
-        beside.start('queue', lambda: self._run_queue(cell))
-        beside.start('status', tell)
-        beside.start('messages', people)
+        background.start('queue', lambda: self._run_queue(cell))
+        background.start('status', tell)
+        background.start('messages', people)
         self._see(self._deeds.look(cell.state))
-        beside.start('audit log', lambda: self._say(cell))
+        background.start('audit log', lambda: self._say(cell))
 
     def close(self) -> None:
         """Tells that the cell is down."""
@@ -99,7 +99,9 @@ class ShopLink:
             return
         view, stops = view_of(cell), self._stops
         try:
-            item = await cell.beside.thread('queue', self._step, view, stops != self._stops_seen)
+            item = await cell.background.thread(
+                'queue', self._step, view, stops != self._stops_seen
+            )
         except (OSError, QueueError):
             self._runner = Runner()  # what it decided is perhaps not on the disk: it begins anew
             self._counts, self._next = {}, ''  # not known
@@ -128,7 +130,7 @@ class ShopLink:
             await self._log(cell, item, 'asked')
             await calibrated.check(cell.calibrations, cell.settings)
             start = Start(cell, item.setup)
-            await cell.beside.thread('files', _check_part, start.file, item.sha256)
+            await cell.background.thread('files', _check_part, start.file, item.sha256)
             await start.load()
             if self._stops != stops:
                 raise Refused(STOPPED)
@@ -139,7 +141,7 @@ class ShopLink:
 
     async def _back(self, cell: Cell, item: Item, why: str) -> None:
         try:
-            await cell.beside.thread('queue', self.queue.change, lambda q: q.back(item.id, why))
+            await cell.background.thread('queue', self.queue.change, lambda q: q.back(item.id, why))
             await self._log(cell, item, 'refused', why)
         except (OSError, QueueError) as e:
             cell.problem = f'queue: {e}'
@@ -151,7 +153,7 @@ class ShopLink:
             who = item.released_by
             self.audit.write('queue start', who, 'queue', outcome=outcome, data=data, note=note)
 
-        await cell.beside.thread(AUDIT, write)
+        await cell.background.thread(AUDIT, write)
 
     def _see(self, deeds: list[Deed]) -> None:
         """They wait until the log takes them; those for which there is no room are counted."""
@@ -167,7 +169,7 @@ class ShopLink:
             def write(what: str = what, data: dict[str, Any] = data | more) -> None:
                 self.audit.write(what, 'cell', 'cell', outcome='seen', data=data)
 
-            await cell.beside.thread(AUDIT, write)
+            await cell.background.thread(AUDIT, write)
             self._lost -= sum(more.values())
             self._unsaid.popleft()
 

@@ -1,4 +1,4 @@
-"""What the panel does beside its display: each in a task and a thread of its own, so that none waits for another one.
+"""What the panel does in the background: each in a task and a thread of its own, so that none waits for another one.
 
 A disk or a lock that hangs holds up what needs it, and nothing else; `late` says what hangs, and for how long.
 """
@@ -16,7 +16,7 @@ LATE_S = 3.0  # something that takes longer is told
 Answer = TypeVar('Answer')
 
 
-class Beside:
+class BackgroundTasks:
     """`start` runs what is due unless the last one of its name still runs; `thread` is where it may block."""
 
     def __init__(self) -> None:
