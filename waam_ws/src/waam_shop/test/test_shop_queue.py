@@ -267,6 +267,7 @@ def test_any_row_of_operations_with_kills_equals_the_model(operations):
 def test_kill_9_loses_nothing_that_was_told(tmp_path):
     """Whatever was told before the kill is there: every item of the queue, every entry of the audit log."""
     told_queue, told_audit = 0, (0, '')
+    untold = 0  # entries that may be there although nobody was told: one of each writer since the last that was
     chance = random.Random(5)
     for _ in range(12):
         writer = subprocess.Popen(
@@ -278,20 +279,22 @@ def test_kill_9_loses_nothing_that_was_told(tmp_path):
         writer.send_signal(signal.SIGKILL)
         lines += writer.stdout.readlines()
         writer.wait()
+        untold += 1
         for line in lines:
             kind, *values = line.split() if line.endswith('\n') else ['']
             if kind == 'queue':
                 told_queue = int(values[0])
             elif kind == 'audit' and len(values) == 2:
-                told_audit = (int(values[0]), values[1])
+                told_audit, untold = (int(values[0]), values[1]), 1
         queue = QueueFile(tmp_path).read()
         assert queue.last in (told_queue, told_queue + 1)
+        told_queue = queue.last
         assert [i.part for i in queue.items] == [f'{n}.stl' for n in range(1, queue.last + 1)]
     log = AuditLog(tmp_path, 'cell')
     log.write('after', 'tester', 'cli')
     found = log.verify(told_audit[1])
     assert found.good, found.problems
-    assert found.last_n - 1 in (told_audit[0], told_audit[0] + 1)
+    assert told_audit[0] <= found.last_n - 1 <= told_audit[0] + untold
 
 
 @settings(max_examples=150)
