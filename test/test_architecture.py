@@ -68,6 +68,8 @@ def test_package_is_complete(package):
     assert len((folder / 'README.md').read_text()) > 300
     if not package.endswith('_msgs'):
         assert list((folder / 'test').glob('test_*.py')), f'{package} has no tests'
+    if (folder / 'setup.py').exists():
+        assert "extras_require={'test': ['pytest']}" in (folder / 'setup.py').read_text()  # colcon test
 
 
 def test_no_test_imports_a_module_whose_name_is_not_its_own():

@@ -19,6 +19,7 @@ setup(
         ),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={
         'console_scripts': [
             'correction_server = waam_adapt.correction_server_node:main',

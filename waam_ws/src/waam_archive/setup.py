@@ -9,6 +9,7 @@ setup(
         ('share/waam_archive', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Archive of all jobs: DuckDB over Parquet, control charts, key figures, traceability',

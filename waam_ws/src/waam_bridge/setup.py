@@ -10,6 +10,7 @@ setup(
         ('share/waam_bridge/config', ['config/bridge.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='The host end of the link to the controller',

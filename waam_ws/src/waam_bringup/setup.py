@@ -15,6 +15,7 @@ setup(
     ],
     entry_points={'console_scripts': ['waam = waam_bringup.entry:main']},
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Starts the graph',

@@ -13,6 +13,7 @@ setup(
     ],
     entry_points={'console_scripts': ['job_sequencer = waam_job.job_sequencer_node:main']},
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='The job: layer loop, interlocks, checkpoint, report data',

@@ -9,6 +9,7 @@ setup(
         ('share/waam_lab', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='The laboratory: whole jobs on the simulated cell in one process, many times faster than real time',

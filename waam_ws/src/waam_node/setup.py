@@ -9,6 +9,7 @@ setup(
         ('share/waam_node', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='What every node of the graph shares: parameters, quality of service, heartbeat, diagnostics, spinning',

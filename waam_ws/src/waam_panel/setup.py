@@ -13,6 +13,7 @@ setup(
         ('share/waam_panel/config', glob('config/*')),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={
         'console_scripts': [
             'panel = waam_panel.panel_node:main',

@@ -13,6 +13,7 @@ setup(
         ('share/waam_plan', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Part to layers to segments to program: restoration, builds, scan passes, posts',

@@ -10,6 +10,7 @@ setup(
         ('share/waam_process', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='What the metal does: bead, wire, heat, overlap; height grid and path segment',

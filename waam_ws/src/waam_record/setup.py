@@ -10,6 +10,7 @@ setup(
         ('share/waam_record/config', ['config/recorder.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={'console_scripts': ['recorder = waam_record.recorder_node:main']},
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',

@@ -10,6 +10,7 @@ setup(
         ('share/waam_replay/config', ['config/player.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={'console_scripts': ['player = waam_replay.player_node:main']},
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',

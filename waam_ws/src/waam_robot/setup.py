@@ -9,6 +9,7 @@ setup(
         ('share/waam_robot', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Robot arms and positioners: kinematics, motion split, planning of joint paths',

@@ -10,6 +10,7 @@ setup(
         ('share/waam_robot_bridge/config', ['config/bridge.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='The bridge to a robot: the controller core in front of a trajectory controller',

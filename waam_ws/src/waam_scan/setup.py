@@ -10,6 +10,7 @@ setup(
         ('share/waam_scan/config', ['config/scan_fusion.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Laser profiles and machine pose to height maps with uncertainty',

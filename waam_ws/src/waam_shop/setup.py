@@ -9,6 +9,7 @@ setup(
         ('share/waam_shop', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
     description='Many cells: queue of jobs, roles and tokens, audit log, messages to people',

@@ -14,6 +14,7 @@ setup(
         ('share/waam_sim/urdf', ['urdf/small_arm.urdf']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={
         'console_scripts': [
             'cell = waam_sim.cell_node:main',

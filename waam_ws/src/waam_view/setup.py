@@ -10,6 +10,7 @@ setup(
         ('share/waam_view/config', ['config/dashboard.yaml']),
     ],
     install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},  # colcon test runs them
     entry_points={'console_scripts': ['dashboard = waam_view.dashboard_node:main']},
     maintainer='WAAM maintainers',
     maintainer_email='maintainers@waam.invalid',
