@@ -106,8 +106,8 @@ if [ $train = yes ] && ! cmp -s requirements-train.txt .venv/.waam_train; then
 fi
 
 sources() {  # everything that a build depends on; Python files are linked, so only their names count
-    find waam_ws/src -type d -name __pycache__ -prune -o -type f -print | grep -v '\.egg-info/' | LC_ALL=C sort
-    find waam_ws/src -type f \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name 'CMakeLists.txt' -o -name '*.cmake' \
+    find waam_ws/src waam_ws/vendor -type d -name __pycache__ -prune -o -type f -print | grep -v '\.egg-info/' | LC_ALL=C sort
+    find waam_ws/src waam_ws/vendor -type f \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name 'CMakeLists.txt' -o -name '*.cmake' \
         -o -name 'package.xml' -o -name 'setup.py' -o -name 'setup.cfg' -o -name '*.c' -o -name '*.h' \) -print0 | LC_ALL=C sort -z | xargs -0 cat
 }
 warm_up() {  # $*: sim, scan, adapt. Compiles their numerical kernels, which needs nothing of the workspace but the sources.
@@ -124,7 +124,8 @@ build() {
     # without it, colcon lets make wait whenever the machine is busy
     export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
     unset PYTHONPATH COLCON_PREFIX_PATH
-    (cd waam_ws && colcon --log-level error build --symlink-install --continue-on-error --parallel-workers 2 \
+    # vendor: packages that no wheel brings; colcon alone passes it by, for a full ROS installation has them
+    (cd waam_ws && colcon --log-level error build --base-paths src vendor/* --symlink-install --continue-on-error --parallel-workers 2 \
         --cmake-args -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DPython3_EXECUTABLE=$root/.venv/bin/python3" -Wno-dev \
         -DBUILD_TESTING=$testing -DWAAM_MSGS_FOR_PYTHON=ON > "$root/.setup.log" 2>&1) \
         || { bash scripts/write_env.sh; tail -60 "$root/.setup.log" >&2; die "colcon build failed; the whole log is .setup.log"; }

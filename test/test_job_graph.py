@@ -113,6 +113,29 @@ def test_record_opens_in_a_third_party_reader_with_all_topics(done):
         assert np.all(np.diff(sequence) == 1)
 
 
+def test_every_frame_that_a_message_names_is_in_the_tree(done):
+    """Of the whole graph, as a stock reader finds it in the record."""
+    from rosbags.highlevel import AnyReader
+
+    named, above = {}, {}
+    with AnyReader([done / 'record']) as reader:
+        for connection in reader.connections:
+            if '/_' in connection.topic:  # events of services, parts of actions
+                continue
+            for count, (_, _, raw) in enumerate(reader.messages(connections=[connection])):
+                if connection.topic not in ('/tf', '/tf_static') and count:
+                    break  # one tells the frame of its topic
+                msg = reader.deserialize(raw, connection.msgtype)
+                if connection.topic in ('/tf', '/tf_static'):
+                    above |= {t.child_frame_id: t.header.frame_id for t in msg.transforms}
+                elif frame := getattr(getattr(msg, 'header', None), 'frame_id', ''):
+                    named[connection.topic] = frame
+    assert set(named.values()) >= {'work', 'machine', 'scanner'}
+    tree = {*above, *above.values()}
+    assert set(above.values()) - set(above) == {'machine'}  # the one root
+    assert not {topic: frame for topic, frame in named.items() if frame not in tree}
+
+
 def test_record_opens_in_rerun_with_every_topic(done):
     """Messages of several publishers are not in the order of their publication: rerun notes that, and reads them."""
     from waam_record.bag_reader import info

@@ -2,10 +2,15 @@
 
 import time
 
+import numpy as np
 import pytest
 from bridge_harness import Bridge, VirtualController, line_of, until
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
 
+from waam_bridge.frame_tree import Placed, Tree, in_root
 from waam_msgs.msg import AccelerationBatch, Anomaly, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node import qos
@@ -95,6 +100,46 @@ def test_the_accelerometer_is_switched_and_published(cell):
     assert got[-1].sample_rate == pytest.approx(3200, rel=1e-3)
     assert got[-1].header.frame_id == 'machine' and got[-1].header.stamp.sec >= 1_700_000_000
     assert sum(got[-1].z) / len(got[-1].z) == pytest.approx(9.81, abs=0.1)
+
+
+def test_tf_has_the_torch_where_telemetry_has_it(cell):
+    """Somebody who comes late gets description and fixed frames; the moving ones come at 25 Hz at most."""
+    got = {'urdf': [], 'static': [], 'moving': [], 'joints': []}
+    for key, kind, topic, profile in (
+        ('urdf', String, 'robot_description', qos.LATCHED),
+        ('static', TFMessage, '/tf_static', qos.LATCHED),
+        ('moving', TFMessage, '/tf', qos.EVENTS),
+        ('joints', JointState, 'joint_states', qos.SENSOR),
+    ):
+        cell.node.create_subscription(kind, topic, got[key].append, profile)
+    until(lambda: all(got.values()), what='frames')
+    began, seen = time.monotonic(), len(got['moving'])
+    until(lambda: len(got['moving']) > seen + 20)
+    assert time.monotonic() - began > 0.6
+    assert cell.command(Command.Request.SET_ZERO, (0.2, 0.08, 0.02)).error_code == 0
+    until(lambda: got['static'][-1].transforms[0].transform.translation.x == pytest.approx(0.2))
+    assert cell.command(Command.Request.SET_ZERO, ZERO).error_code == 0
+    until(lambda: got['static'][-1].transforms[0].transform.translation.x == pytest.approx(ZERO[0]))
+    until(lambda: cell.telemetry.position.x == pytest.approx(-ZERO[0]))
+    found = [placed(t) for m in (got['static'][-1], got['moving'][-1]) for t in m.transforms]
+    seen = np.linalg.inv(in_root(found, 'work')) @ in_root(found, 'torch_tcp')
+    p = cell.telemetry.position
+    assert seen[:3, 3] == pytest.approx([p.x, p.y, p.z], abs=1e-6)
+    assert 'torch_tcp' in Tree(got['urdf'][-1].data).frames
+    at = dict(zip(got['joints'][-1].name, got['joints'][-1].position, strict=True))
+    assert at == pytest.approx({'x': p.x + ZERO[0], 'y': p.y + ZERO[1], 'z': p.z + ZERO[2]})
+    stamps = [
+        (t.header.stamp.sec, t.header.stamp.nanosec)
+        for m in got['moving']
+        for t in m.transforms[:1]
+    ]
+    assert stamps == sorted(set(stamps)) and stamps[0][0] >= 1_700_000_000
+
+
+def placed(msg):
+    """A transform of tf as the core has it."""
+    t, q = msg.transform.translation, msg.transform.rotation
+    return Placed(msg.header.frame_id, msg.child_frame_id, (t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
 
 
 def test_a_bead_is_laid_and_reported(cell):

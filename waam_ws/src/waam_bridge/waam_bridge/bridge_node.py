@@ -27,6 +27,7 @@ from .conversions import diagnostic_values
 from .core import Bridge
 from .csv_log import CsvLog
 from .node_beats import Beats
+from .node_frames import FramePublishers, Gantry
 from .node_publishers import Publishers
 from .node_services import Services
 from .node_stop import StopLane
@@ -36,6 +37,7 @@ from .transport import SerialTransport, Transport
 
 ALIGN = 5e-5  # s that reading both clocks may take
 BEATS_S = 0.01  # a heartbeat that came just after the call that tells of it waits no longer
+FRAMES_S = 0.04  # between two messages on /tf, steady clock
 SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from running for so long
 
 
@@ -55,6 +57,8 @@ class BridgeNode(WaamNode):
         self.on_change(self._take_params)
         self.create_timer(1.0, self._on_second, clock=self.steady)
         self.transport = self._make_transport()
+        self._frames = self._make_frames()
+        self.create_timer(FRAMES_S, self._on_frames, clock=self.steady)
         self._stop_lane = self._open_stop_lane(p.stop_socket)
         self.transport.start()
         if p.require_controller:
@@ -63,6 +67,9 @@ class BridgeNode(WaamNode):
     def _make_transport(self) -> Transport:
         p = self.params
         return SerialTransport(p.port, p.baud, self, p.reconnect_period)
+
+    def _make_frames(self) -> FramePublishers:
+        return FramePublishers(self, self.core, Gantry(self.core))
 
     def _create_inputs(self) -> None:
         self._beats_taken = 0.0  # s, steady clock
@@ -204,6 +211,11 @@ class BridgeNode(WaamNode):
         with self._lock:
             self._diagnose(self._out.second())
             self._offer()
+
+    def _on_frames(self) -> None:
+        if self.context.ok():
+            with self._lock:
+                self._frames.publish()
 
     def _offer(self) -> None:
         """The simulated cell has an accelerometer of its own, so this one is offered only where there is one."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from waam_process.names import CONTROLLER_STATES, STANDOFF_LAWS, STANDOFF_SOURCES
-from waam_process.units import to_mm
+from waam_process.units import mm, to_mm
 
 from . import frames, requests
 from .machine import Machine
@@ -80,6 +80,13 @@ class Standoff:
         if self._left and self._on:
             return 'the settings of the standoff control are not in the controller yet'
         return ''
+
+    @property
+    def distance(self) -> float:
+        """m that the sensor at the torch shall read; 0 = there is none."""
+        values = dict(self._all)
+        sensor = STANDOFF_SOURCES[int(values['source'])] in ('laser', 'infrared')
+        return mm(values['set_mm']) if sensor else 0.0
 
     @property
     def settled(self) -> bool:

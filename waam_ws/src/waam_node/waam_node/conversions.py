@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
@@ -128,6 +128,17 @@ def image_to_msg(z: np.ndarray, header: Header) -> Image:
     msg.step = 4 * z.shape[1]
     msg.data = array('B', data.tobytes())
     return msg
+
+
+def transform_to_msg(
+    parent: str, child: str, at: Sequence[float], rotation: Sequence[float], stamp: Time
+) -> TransformStamped:
+    """The frame `child` in the frame `parent`; at: (3,) m; rotation: unit quaternion x, y, z, w."""
+    x, y, z, w = map(float, rotation)
+    turned = Quaternion(x=x, y=y, z=z, w=w)
+    placed = Transform(translation=_point(Vector3, at), rotation=turned)
+    header = Header(stamp=stamp, frame_id=parent)
+    return TransformStamped(header=header, child_frame_id=child, transform=placed)
 
 
 def segment_to_msg(segment: Segment) -> SegmentMsg:

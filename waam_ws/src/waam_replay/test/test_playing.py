@@ -19,7 +19,7 @@ from waam_node.testing import fresh_domain
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 from waam_replay.play_clock import PlayClock
-from waam_replay.playlist import Playlist, Wanted, parse_remap
+from waam_replay.playlist import Playlist, Wanted, against_live, parse_remap
 
 DOMAIN = fresh_domain()
 T0 = 1_700_000_000 * 10**9
@@ -82,6 +82,15 @@ def test_a_remapped_command_is_judged_by_where_it_goes(record):
 def test_topics_that_others_publish_are_left_out(record):
     chosen, refused = Playlist(record, Wanted()).allowed({'/a'})
     assert '/a' not in chosen and 'has a publisher' in refused['/a']
+
+
+def test_a_graph_with_a_machine_gets_named_topics_and_nothing_by_force():
+    named, forced = Wanted(topics=('a',)), Wanted(topics=('a',), force=True)
+    for node in ('bridge', 'job_sequencer', 'joint_trajectory_controller'):
+        assert f"'{node}' runs" in against_live({'x', node}, Wanted())
+        assert f"'{node}' runs" in against_live({node}, forced)
+        assert against_live({node}, named) == ''
+    assert against_live({'x', 'scan_fusion'}, Wanted(force=True)) == ''
 
 
 def test_choice_and_its_errors(record):
@@ -188,6 +197,36 @@ def test_everything_comes_in_order_and_the_player_ends(listener, record):
     assert g.got['/held'] == ['held']
     assert g.got['/override'] == g.got['/heartbeat'] == []
     assert T0 + 9 * 10**9 <= g.clock <= T0 + 10 * 10**9
+
+
+def test_a_player_refuses_the_domain_of_a_bridge(record, tmp_path):
+    """`waam replay play`, as a person calls it; topics that are named are played."""
+    context, domain = Context(), fresh_domain()
+    rclpy.init(context=context, domain_id=domain)
+    bridge = Node('bridge', context=context)
+    orders = []
+    bridge.create_subscription(String, '/override', orders.append, 10)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(bridge)
+    play = [sys.executable, '-m', 'waam_bringup.cli', 'replay', 'play', str(record), '--rate', '50']
+    env = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+
+    def run(*options):
+        return subprocess.run(
+            [*play, *options], env=env, capture_output=True, text=True, timeout=60
+        )
+
+    try:
+        for options in ((), ('--force',), ('--force', '--topics', '/override')):
+            done = run(*options)
+            assert done.returncode == 2 and "'bridge' runs in this ROS domain" in done.stderr
+            assert 'Traceback' not in done.stderr
+        assert run('--topics', '/a').returncode == 0
+        executor.spin_once(timeout_sec=0.2)
+        assert not orders
+    finally:
+        bridge.destroy_node()
+        context.try_shutdown()
 
 
 def test_pause_step_seek_and_rate(listener, record):

@@ -22,10 +22,11 @@ from waam_record.conversions import message_type
 from waam_record.read_record import record_folder
 
 from .play_clock import PlayClock
-from .playlist import Playlist, Wanted, parse_remap
+from .playlist import Playlist, Wanted, against_live, parse_remap
 
 BURST = 500  # messages that are published at most before the executor gets its turn
 CLOCK_S = 0.01  # wall time between two messages on /clock
+LOOK_S = 5.0  # wall time to find the nodes that are there: they announce themselves every 3 s
 WAIT_S = 0.5  # wall time between the publishers being there and the first message
 
 
@@ -102,6 +103,7 @@ class Player(WaamNode):
         self._clock_out = self.create_publisher(Clock, '/clock', QoSProfile(depth=10))
         self._folder = record_folder(Path(p.record))
         self._playlist = Playlist(self._folder, p.wanted)
+        self._look()
         taken = {n for n, _ in self.get_topic_names_and_types() if self.count_publishers(n)}
         chosen, refused = self._playlist.allowed(taken)
         names = {n: self._playlist.published_name(n) for n in chosen}
@@ -119,6 +121,18 @@ class Player(WaamNode):
         self.create_subscription(Float64, '~/rate', self._on_rate, 10)
         self.create_timer(0.002, self._advance, clock=self.steady)
         self.create_timer(CLOCK_S, self._tick, clock=self.steady)
+        self.create_timer(1.0, self._refuse_live, clock=self.steady)
+
+    def _look(self) -> None:
+        """Who is in the graph, and what they publish, is known after a moment. ValueError where it is a machine's."""
+        end = time.monotonic() + LOOK_S
+        while time.monotonic() < end:
+            self._refuse_live()
+            time.sleep(0.05)
+
+    def _refuse_live(self) -> None:
+        if why := against_live(set(self.get_node_names()), self.params.wanted):
+            raise ValueError(f'player: {why}')
 
     def _jump(self, at_ns: int) -> None:
         """Continues at a recorded time; latched topics get what they held there."""

@@ -15,8 +15,9 @@ from waam_record.bag_writer import Topic
 
 # Topics that move a machine or keep its arc alive. Published only with `force`.
 COMMANDS = re.compile(
-    r'(^|/)(override|process_override|lease_tick|heartbeat)$|/_action/|/cmd_|(^|/)enqueue$'
+    r'(^|/)(override|process_override|lease_tick|heartbeat|weld_command|joint_trajectory)$|/_action/|/cmd_|(^|/)enqueue$'
 )
+MACHINE_NODES = ('bridge', 'job_sequencer', 'joint_trajectory_controller')
 NEVER = re.compile(r'/_service_event$|^/clock$|^/rosout$|^/parameter_events$')
 
 
@@ -30,6 +31,18 @@ class Wanted:
     start: float = 0.0  # s after the beginning
     until: float = 0.0  # s after the beginning; 0 = end
     force: bool = False  # commands and topics of others too
+
+
+def against_live(nodes: set[str], wanted: Wanted) -> str:
+    """Why a graph with these nodes gets no replay, '' = it may have it: where one of them works for a machine, only
+    topics that were named are published, and nothing by force."""
+    live = [n for n in MACHINE_NODES if n in nodes]
+    if not live or (wanted.topics and not wanted.force):
+        return ''
+    return (
+        f"'{live[0]}' runs in this ROS domain: a replay would reach its machine. Play into another one "
+        '(ROS_DOMAIN_ID=77 waam replay play ...), or name what is to be published with --topics, without --force'
+    )
 
 
 def parse_remap(texts: list[str]) -> tuple[tuple[str, str], ...]:

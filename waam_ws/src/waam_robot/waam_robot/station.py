@@ -15,7 +15,7 @@ import numpy as np
 
 from .arm import AXES, DEG, Arm, Link, in_limits, limit_text, step
 from .arm_choice import JUMP_MAX, OVER, STRETCH_MAX, WRIST_MIN, NoWay, Way, spun, ways
-from .frames import inverse
+from .frames import inverse, translation
 from .inverse import Solutions, nearest_turns, solve, unreachable_text
 from .plate_clearance import WANTED, PlateClearance
 from .positioner import Machine
@@ -285,6 +285,16 @@ class Station:
         whole = np.column_stack([np.asarray(points, float) + self._origin, np.ones(len(points))])
         there = inverse(self._base) @ p.to_robot(np.eye(4), *self.hold)
         return np.asarray(whole @ there.T)[:, :3] - self._origin
+
+    @property
+    def machine_on_part(self) -> np.ndarray:
+        """(4, 4): machine coordinates in the frame of the URDF's link `part`, which turns with the faceplate."""
+        return np.asarray(self.held @ translation(*self._origin))
+
+    @property
+    def tip_on_torch(self) -> np.ndarray:
+        """(4, 4): the wire tip with the axes of the machine, in the frame of the URDF's link `torch`."""
+        return inverse(self._tool)
 
     def on_torch(self, held: np.ndarray) -> np.ndarray:
         """(4, 4): something in the frame of the flange (4, 4) as the torch sees it, axes of the machine while it is

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .arm import AXES
+from .frames import translation
 from .station import StationError
 from .urdf_arm import UrdfChain
 from .urdf_text import PART, TORCH, UrdfError
@@ -84,6 +85,18 @@ class UrdfStation:
         """(N, 3) m: the torch in machine coordinates for joints (N, n)."""
         inner = np.array([self._inner(q) for q in np.asarray(joints, float)])
         return self._chain.forward(inner)[:, :3, 3] - self._origin
+
+    @property
+    def machine_on_part(self) -> np.ndarray:
+        """As `Station.machine_on_part`."""
+        return translation(*self._origin)
+
+    @property
+    def tip_on_torch(self) -> np.ndarray:
+        """As `Station.tip_on_torch`."""
+        out = np.eye(4)
+        out[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ self._turn.T
+        return out
 
     @cached_property
     def gains(self) -> np.ndarray:

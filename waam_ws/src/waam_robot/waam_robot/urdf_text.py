@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from xml.parsers import expat
 
 import numpy as np
@@ -16,6 +17,7 @@ MAX_URDF_BYTES = 5_000_000  # bytes
 MAX_JOINTS = 60
 KINDS = ('revolute', 'continuous', 'prismatic', 'fixed')
 POSITIONER_JOINTS = ('tilt', 'turn')
+JOINT_NAMES = (*(f'joint{n + 1}' for n in range(AXES)), *POSITIONER_JOINTS)
 TORCH, PART = 'torch', 'part'
 
 
@@ -26,8 +28,13 @@ class UrdfError(ValueError):
 # ---- writing -----------------------------------------------------------------------------------
 
 
-def write_urdf(machine: Machine, speeds: np.ndarray, name: str = 'arm_and_positioner') -> str:
-    """Text of a URDF: joints joint1 ... joint6 (DH angles), tilt (B), turn (C); links torch and part at the ends.
+def write_urdf(
+    machine: Machine,
+    speeds: np.ndarray,
+    name: str = 'arm_and_positioner',
+    joints: Sequence[str] = JOINT_NAMES,
+) -> str:
+    """Text of a URDF: links torch and part at the ends; joints: names of the arm's six (DH angles), tilt (B), turn (C).
 
     speeds: (8,) rad/s. Drawn is what `bodies` has, as cylinders, for the eye and for contacts. The positioner's turn is
     that of the part: -C - turn_zero stands in the fixed origin of `part`, so the joint is C itself, about -z.
@@ -41,11 +48,11 @@ def write_urdf(machine: Machine, speeds: np.ndarray, name: str = 'arm_and_positi
         child = f'link{n + 1}'
         parts.append(_link(child, drawn))
         limits = (arm.low[n], arm.high[n], float(speeds[n]))
-        parts.append(_joint(f'joint{n + 1}', parent, child, before, (0, 0, 1), limits))
+        parts.append(_joint(joints[n], parent, child, before, (0, 0, 1), limits))
         before = _end(link)
         parent = child
     parts += [_link(TORCH, drawn), _joint('tool', parent, TORCH, before @ arm.tool)]
-    parts += _positioner(machine.positioner, speeds, drawn)
+    parts += _positioner(machine.positioner, speeds, drawn, joints[AXES:])
     return '\n'.join([*parts, '</robot>', ''])
 
 
@@ -54,16 +61,18 @@ def _end(link: Link) -> np.ndarray:
     return np.asarray(translation(link.a, 0.0, link.d) @ rotation(0, link.alpha))
 
 
-def _positioner(p: Positioner, speeds: np.ndarray, drawn: dict[str, list[str]]) -> list[str]:
+def _positioner(
+    p: Positioner, speeds: np.ndarray, drawn: dict[str, list[str]], joints: Sequence[str]
+) -> list[str]:
     axis = p.faceplate(0.0).copy()
     axis[2, 3] -= p.d_c  # where the tilt axis is; B turns about -y
     limits = [(p.low[n], p.high[n], float(speeds[AXES + n])) for n in range(2)]
     return [
         _link('cradle', drawn),
-        _joint('tilt', 'world', 'cradle', axis, (0, -1, 0), limits[0]),
+        _joint(joints[0], 'world', 'cradle', axis, (0, -1, 0), limits[0]),
         _link('table', drawn),
         _joint(
-            'turn', 'cradle', 'table',
+            joints[1], 'cradle', 'table',
             translation(z=p.d_c) @ rotation(2, -p.turn_zero), (0, 0, -1), limits[1],
         ),
         _link(PART, drawn),

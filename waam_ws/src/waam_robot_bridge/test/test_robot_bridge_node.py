@@ -11,7 +11,9 @@ import pytest
 from ament_index_python.packages import get_package_share_directory
 from bridge_graph import Graph, until
 from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
 
+from waam_bridge.frame_tree import Placed, in_root
 from waam_msgs.srv import Command
 from waam_node import qos
 from waam_process.segment import Kind, Segment
@@ -30,6 +32,23 @@ def graph(tmp_path):
     made.close()
 
 
+def seen_from_work(graph):
+    """(3,) m: the wire tip by the tree on /tf and /tf_static, of a machine at rest; one root, no frame twice."""
+    got = {'/tf': [], '/tf_static': []}
+    graph.node.create_subscription(TFMessage, '/tf', got['/tf'].append, qos.EVENTS)
+    graph.node.create_subscription(TFMessage, '/tf_static', got['/tf_static'].append, qos.LATCHED)
+    until(lambda: all(got.values()), what='frames')
+    found = []
+    for t in (t for messages in got.values() for t in messages[-1].transforms):
+        p, q = t.transform.translation, t.transform.rotation
+        at, turned = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+        found.append(Placed(t.header.frame_id, t.child_frame_id, at, turned))
+    children = [p.child for p in found]
+    assert len(children) == len(set(children))
+    assert {p.parent for p in found} - set(children) == {'world'}
+    return (np.linalg.inv(in_root(found, 'work')) @ in_root(found, 'torch_tcp'))[:3, 3]
+
+
 def test_a_bead_on_a_tilted_part_and_an_arc_that_ends_with_the_bridge(graph):
     """Level parts: `test_another_arm_goes_home_in_bridge_and_cell`, and every other job."""
     until(lambda: graph.state.connected, what='connection')
@@ -41,6 +60,7 @@ def test_a_bead_on_a_tilted_part_and_an_arc_that_ends_with_the_bridge(graph):
     graph.command(Command.Request.ARM, text='job', names=['bridge'])
     time.sleep(0.3)
     here = graph.telemetry[-1].position
+    assert seen_from_work(graph) == pytest.approx([here.x, here.y, here.z], abs=1e-3)
     over, first, end = (0.03, 0.03, TOP + 0.02), (0.03, 0.03, TOP), (0.10, 0.03, TOP)
     start = (here.x, here.y, here.z)
     source = {'arc': True, 'wire_feed_speed': 0.1, 'voltage': 22.0}

@@ -6,18 +6,29 @@ from array import array
 from typing import TypeVar
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
 from waam_msgs.srv import BeginScan, FinishScan
-from waam_node.conversions import floats, grid_from_msg, grid_to_msg, nanoseconds, paths_from_msg
+from waam_node.conversions import (
+    floats,
+    grid_from_msg,
+    grid_to_msg,
+    nanoseconds,
+    paths_from_msg,
+    transform_to_msg,
+)
 from waam_process.grid import GridError, GridSpec
 
 from .map_maker import ScanMap
 from .stream.point_fields import CloudLayout, profiles_of
 from .stream.profiles import ProfileBlock, block_of
 from .stream.session import LaidBeads, Session
+from .transform import Mounting
 
 MAX_CELLS = 2_000_000  # of a grid: 0.7 GB
 Response = TypeVar('Response', BeginScan.Response, FinishScan.Response)
@@ -89,6 +100,12 @@ def map_to_msg(session: Session, found: ScanMap) -> HeightMap:
         bead_width=width.width, bead_width_u=width.u, bead_width_expected=width.expected,
         bead_width_sections=width.sections,
     )  # fmt: skip
+
+
+def mounting_to_msg(mounting: Mounting, stamp: Time) -> TransformStamped:
+    """The frame of the scanner at the torch, as it is calibrated."""
+    turned = Rotation.from_matrix(mounting.rotation).as_quat()
+    return transform_to_msg('torch_tcp', 'scanner', mounting.offset.tolist(), turned, stamp)
 
 
 def answer(response: Response, code: int, message: str) -> Response:

@@ -11,6 +11,7 @@ from typing import Any
 
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
 
 import waam_node.node
 from waam_msgs.msg import Anomaly, HeightMap, JobStatus, ProfileBatch, Telemetry
@@ -23,7 +24,14 @@ from waam_node.node import WaamNode
 from waam_node.qos import LATCHED, PROFILES, SENSOR, TELEMETRY
 from waam_process.grid import GridError
 
-from .conversions import answer, block_from_cloud, checked_grid, laid_beads, map_to_msg
+from .conversions import (
+    answer,
+    block_from_cloud,
+    checked_grid,
+    laid_beads,
+    map_to_msg,
+    mounting_to_msg,
+)
 from .fusion import height_map as fusion
 from .fusion_params import FusionParams
 from .map_maker import MapMaker
@@ -57,6 +65,9 @@ class ScanFusion(WaamNode):
         self._monitor = FusionMonitor(self, self._track)
         self._scanner = self.create_client(SetBool, 'scanner/enable')
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
+        self._static = self.create_publisher(TFMessage, '/tf_static', LATCHED)
+        scanner = mounting_to_msg(self._maker.mounting, self.get_clock().now().to_msg())
+        self._static.publish(TFMessage(transforms=[scanner]))
         self._images = self.create_publisher(Image, 'height_image', LATCHED)
         self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
         self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
