@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from waam_node.params import ParameterError, param
-from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES
+from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES, TEMPERATURE_INPUTS
 from waam_process.units import mm
 
 from .mounting import mounting
@@ -15,8 +15,6 @@ from .program import Limits
 
 OF_SOURCE = 'NaN = what fits the source'
 NAN = math.nan
-# of the controller, for the part; the index is its number in $C temperature_input
-TEMPERATURE_INPUTS = ('none', '0-10V', '4-20mA', 'thermocouple')
 _standoff = partial(param, changeable=True)
 
 

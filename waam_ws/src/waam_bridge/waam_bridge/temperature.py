@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from waam_process.names import TEMPERATURE_INPUTS
+
 from . import frames
 from .machine import Machine
 from .outbox import INFO, WARNING
-from .params import TEMPERATURE_INPUTS, BridgeParams
+from .params import BridgeParams
 from .settings import ControllerSettings, Setting
 
 FAULTS = (  # of a P line
