@@ -13,14 +13,14 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from .pyrometer import (
     MODBUS,
-    REGISTERS,
     Address,
     Lines,
     PyrometerParams,
     Reading,
     from_line,
-    judged,
+    from_registers,
     unknown,
+    words,
 )
 
 WAIT = 0.1  # s, at most for bytes
@@ -92,16 +92,16 @@ class ModbusInstrument:
     polled = True
 
     def __init__(self, where: Address, params: PyrometerParams) -> None:
-        p, options = params, {'timeout': params.timeout, 'retries': 0}
-        self._client: ModbusTcpClient | ModbusSerialClient = (
-            ModbusTcpClient(where.name, port=where.port, **options)
-            if where.port
-            else ModbusSerialClient(where.name, baudrate=p.baud, **options)
-        )
         self._params = params
-        kind = 'float32' if p.register_type == 'float32_swapped' else p.register_type
-        self._kind = self._client.DATATYPE[kind.upper()]
-        self._order = 'little' if p.register_type == 'float32_swapped' else 'big'
+        self._client: ModbusTcpClient | ModbusSerialClient
+        if where.port:
+            self._client = ModbusTcpClient(
+                where.name, port=where.port, timeout=params.timeout, retries=0
+            )
+        else:
+            self._client = ModbusSerialClient(
+                where.name, baudrate=params.baud, timeout=params.timeout, retries=0
+            )
 
     def open(self) -> None:
         """See Instrument."""
@@ -113,13 +113,14 @@ class ModbusInstrument:
         p, c = self._params, self._client
         ask = c.read_input_registers if p.register_kind == 'input' else c.read_holding_registers
         try:
-            answer = ask(p.register, count=REGISTERS[p.register_type], device_id=p.device)
-            if answer.isError():
-                return unknown(f'Modbus: {answer}')
-            value = c.convert_from_registers(answer.registers, self._kind, word_order=self._order)
+            answer = ask(p.register, count=words(p), device_id=p.device)
         except ModbusException as e:
             raise OSError(str(e)) from None
-        return judged(float(value) * p.scale, p)
+        return (
+            unknown(f'Modbus: {answer}')
+            if answer.isError()
+            else from_registers(answer.registers, p)
+        )
 
     def close(self) -> None:
         """See Instrument."""

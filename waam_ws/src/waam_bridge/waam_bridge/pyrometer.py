@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,7 +13,7 @@ from waam_node.params import ParameterError, param
 
 SERIAL, MODBUS, TOPIC = 'serial', 'modbus', 'topic'
 UNITS = {'degC': (1.0, 0.0), 'K': (1.0, -273.15), 'degF': (1 / 1.8, -32 / 1.8)}  # factor, offset
-REGISTERS = {'int16': 1, 'uint16': 1, 'int32': 2, 'float32': 2, 'float32_swapped': 2}  # words
+REGISTERS = {'int16': '>h', 'uint16': '>H', 'int32': '>i', 'float32': '>f', 'float32_swapped': '>f'}
 LINE_LIMIT = 256  # bytes without an end of line that no instrument sends
 NUMBER = re.compile(r'[-+]?\d{1,6}(?:[.,]\d{1,6})?', re.ASCII)
 
@@ -120,6 +122,21 @@ def from_line(line: bytes, p: PyrometerParams) -> Reading:
     if not number:
         return unknown(f'{text[:40]!a} is no temperature')
     return judged(float(number[0].replace(',', '.')), p)
+
+
+def words(p: PyrometerParams) -> int:
+    """Registers of a reading."""
+    return struct.calcsize(REGISTERS[p.register_type]) // 2
+
+
+def from_registers(registers: Sequence[int], p: PyrometerParams) -> Reading:
+    """Of a Modbus device, 16 bits each, in the order of their addresses."""
+    if len(registers) != words(p):
+        return unknown(f'{len(registers)} registers in the answer, not {words(p)}')
+    order = registers[::-1] if p.register_type == 'float32_swapped' else registers
+    data = b''.join(r.to_bytes(2, 'big') for r in order)
+    (value,) = struct.unpack(REGISTERS[p.register_type], data)
+    return judged(value * p.scale, p)
 
 
 class Lines:
