@@ -7,7 +7,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/waam_bridge']),
         ('share/waam_bridge', ['package.xml']),
-        ('share/waam_bridge/config', ['config/bridge.yaml']),
+        ('share/waam_bridge/config', ['config/bridge.yaml', 'config/pyrometer.yaml']),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test runs them
@@ -15,5 +15,10 @@ setup(
     maintainer_email='maintainers@waam.invalid',
     description='The host end of the link to the controller',
     license='Apache-2.0',
-    entry_points={'console_scripts': ['bridge = waam_bridge.bridge_node:main']},
+    entry_points={
+        'console_scripts': [
+            'bridge = waam_bridge.bridge_node:main',
+            'pyrometer = waam_bridge.pyrometer_node:main',
+        ]
+    },
 )

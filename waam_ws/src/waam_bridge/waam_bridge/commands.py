@@ -213,6 +213,9 @@ def _configure(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     if c.text in STANDOFF_NAMES:
         text = f"CONFIGURE: '{c.text}' belongs to the standoff control: set the parameters standoff_* of the bridge"
         raise CommandError(requests.BAD_ARGUMENT, text)
+    if c.text.startswith('temperature_'):
+        text = f"CONFIGURE: '{c.text}': set the parameters temperature_* of the bridge"
+        raise CommandError(requests.BAD_ARGUMENT, text)
     _need_rest(bridge, 'CONFIGURE')
     bridge.ask('C', f'{c.text} {number(c.value, 5)}', reply, now)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from sensor_msgs.msg import Range
+from sensor_msgs.msg import Range, Temperature
 
 from waam_msgs.msg import (
     AccelerationBatch,
@@ -106,6 +106,11 @@ def distance(s: frames.Standoff, ros_ns: int) -> Range | None:
     )  # fmt: skip
 
 
+def temperature(celsius: float, ros_ns: int) -> Temperature:
+    """Of the part, degC, NaN = unknown; its variance is left unknown (0). ros_ns: ROS time of the reading."""
+    return to_msg(Temperature, stamp=stamp_ns(ros_ns), frame='work', temperature=celsius)
+
+
 def segment_done(mark: Mark, stamp: Time) -> SegmentDone:
     """The message for a segment that the controller has executed."""
     return to_msg(SegmentDone, mark, stamp=stamp, frame='work')
@@ -142,7 +147,9 @@ def link_status(bridge: Bridge, rate: float, stamp: Time) -> LinkStatus:
 
 def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str, object]:
     """What /diagnostics shows of the link: state, rates, round trips, what was lost or sent again, buffers, clock."""
+    part = bridge.temperature.says
     return {
+        **({'part_temperature': part} if part else {}),
         'port': port,
         'state': CONTROLLER_STATES[bridge.state],
         'fault': bridge.fault_text or 'none',

@@ -19,6 +19,7 @@ from .params import BridgeParams
 from .pending import Reply
 from .program import Permit
 from .standoff import Standoff
+from .temperature import PartTemperature
 
 TICK_S = 0.1  # between lease ticks, controller time: a lease is as old as one of them and the slowest answer
 
@@ -31,6 +32,7 @@ class Bridge(Machine):
         # why there must be no arc for now: asked before a job is armed
         self.unfit: Callable[[], str] = lambda: ''
         self.standoff = Standoff(params)
+        self.temperature = PartTemperature(params)
         self.accelerometer = Accelerometer(params.accelerometer_axes)
         self._tick = 0
         self._resends = ResendWatch()
@@ -66,6 +68,7 @@ class Bridge(Machine):
         """Handles a controller that is not the one before, or that has lost its queue."""
         link = self.link
         self.standoff.met(self)
+        self.temperature.met(self)
         if link.connects > 1:
             who = (
                 'the controller has restarted' if restarted else 'another host used the controller'
@@ -105,6 +108,9 @@ class Bridge(Machine):
             faults.line_refused(self, frame)
         elif isinstance(frame, frames.Standoff) and self.connected and self.standoff.heard(frame):
             self.outbox.standoff.append(frame)
+        elif isinstance(frame, frames.PartTemperature) and self.connected:
+            if self.temperature.heard(frame, self):
+                self.outbox.temperatures.append(frame)
         elif isinstance(frame, frames.Acceleration) and self.connected:
             self.accelerometer.heard(self, frame)
         if 0 < self.pending.home_line <= self.link.sender.acked:
@@ -122,6 +128,7 @@ class Bridge(Machine):
         if t.t_us - self._tick >= TICK_S * 1e6 or t.t_us < self._tick:
             self._on_tick(t, now)
         self.standoff.poll(self, now)
+        self.temperature.poll(self, now)
         if not self.dropping:
             self.pending.flush(self.outbox.replies)
 

@@ -82,6 +82,14 @@ class Standoff(NamedTuple):
     correction_um: int  # of z, um
 
 
+class PartTemperature(NamedTuple):
+    """A P line: what the controller measures of the part."""
+
+    t_us: int  # microseconds of the controller's clock
+    fault: int  # 0 = known, otherwise why not (docs/link_protocol.md)
+    celsius: float  # NaN = unknown
+
+
 class Acceleration(NamedTuple):
     """An A line: samples of the accelerometer in counts."""
 
@@ -162,6 +170,7 @@ class Identity(NamedTuple):
 Frame = (
     Telemetry
     | Standoff
+    | PartTemperature
     | Acceleration
     | Ack
     | Resend

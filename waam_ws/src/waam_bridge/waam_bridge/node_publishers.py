@@ -7,7 +7,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import Range
+from sensor_msgs.msg import Range, Temperature
 
 from waam_msgs.msg import (
     AccelerationBatch,
@@ -33,6 +33,7 @@ class Publishers:
     def __init__(self, node: Node, core: Bridge, port: str, csv: CsvLog | None) -> None:
         self._node, self._core, self._port, self.csv = node, core, port, csv
         self._acceleration: Publisher | None = None  # of a controller that has an accelerometer
+        self._temperature: Publisher | None = None  # of a controller that measures it
         self._counted = (0, 0)  # frames, us: where the telemetry rate is counted from
         publish = node.create_publisher
         self._telemetry = publish(Telemetry, 'telemetry', qos.TELEMETRY)
@@ -78,6 +79,8 @@ class Publishers:
         box, stamp = self._core.take_outbox(), self._stamp()
         for found in box.standoff:
             self._publish_standoff(found)
+        for reading in box.temperatures:
+            self._publish_temperature(reading)
         for batch in box.accelerations:
             if self._acceleration is not None:
                 ros_ns = self._core.link.clock.to_ros_ns(batch.t_us)
@@ -123,6 +126,12 @@ class Publishers:
         seen = conversions.distance(found, ros_ns)
         if seen is not None:
             self._send(self._range, seen)
+
+    def _publish_temperature(self, found: frames.PartTemperature) -> None:
+        if self._temperature is None:
+            self._temperature = self._node.create_publisher(Temperature, 'temperature', qos.BEAT)
+        ros_ns = self._core.link.clock.to_ros_ns(found.t_us)
+        self._send(self._temperature, conversions.temperature(found.celsius, ros_ns))
 
     def _publish_notice(self, notice: Notice, stamp: Time) -> None:
         self._send(self._anomaly, conversions.anomaly(self._core, notice, stamp))

@@ -9,7 +9,7 @@ import numpy as np
 
 from waam_process.names import CLASS_OF_FAULT, CONTROLLER_STATES, POWER_UP
 
-from .frames import ALARM, Standoff
+from .frames import ALARM, PartTemperature, Standoff
 from .program import Mark
 from .stream import Sender
 
@@ -52,6 +52,7 @@ class Outbox:
     """What the owner has to publish, in this order."""
 
     standoff: list[Standoff] = field(default_factory=list)
+    temperatures: list[PartTemperature] = field(default_factory=list)
     accelerations: list[Batch] = field(default_factory=list)
     done: list[Mark] = field(default_factory=list)
     changed: bool = False  # machine state
@@ -63,6 +64,7 @@ class Outbox:
         return bool(
             self.changed
             or self.standoff
+            or self.temperatures
             or self.accelerations
             or self.done
             or self.notices

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from waam_node.params import ParameterError, param
-from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES
+from waam_process.names import STANDOFF_LAWS, STANDOFF_SOURCES, TEMPERATURE_INPUTS
 from waam_process.units import mm
 
 from .mounting import mounting
@@ -26,7 +26,11 @@ class BridgeParams:
     stop_socket: str = param(
         '', 'Unix socket for STOP and HOLD past everything (waam_node.stop_socket); empty = none'
     )
-    baud: int = param(115200, 'rate of a true UART; USB-CDC and pseudo-terminals ignore it', 'Bd')
+    baud: int = param(
+        921600,
+        'rate of a true UART, 0 = the one that answers; USB-CDC and pseudo-terminals ignore it',
+        'Bd',
+    )
     identity: str = param('WAAM_CONTROLLER_V1', 'name that the controller must give')
     require_controller: bool = param(
         False, 'true: leave with exit status 2 when the port has no controller at start'
@@ -63,6 +67,17 @@ class BridgeParams:
     accelerometer_axes: str = param(
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
+    )
+    temperature_input: str = param(
+        'none',
+        "signal of the part's temperature at the controller; none = another node publishes it",
+        choices=TEMPERATURE_INPUTS,
+    )
+    temperature_low: float = param(
+        0.0, 'at 0 V, or 4 mA (thermocouple amplifier: 0 V)', 'degC', -273.0, 3000.0
+    )
+    temperature_high: float = param(
+        1000.0, 'at 10 V, or 20 mA (thermocouple amplifier: 3 V)', 'degC', -273.0, 3000.0
     )
     standoff_source: str = _standoff(
         'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
@@ -114,6 +129,9 @@ class BridgeParams:
             mounting(self.accelerometer_axes)
         except ValueError as e:
             raise ParameterError(f"parameter 'accelerometer_axes': {e}") from None
+        if not self.temperature_low < self.temperature_high:
+            text = f"parameter 'temperature_high' is {self.temperature_high:g}, not above 'temperature_low'"
+            raise ParameterError(text)
         for name in ('arc_speed', 'wire_feed', 'voltage'):
             low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
             if low > high:

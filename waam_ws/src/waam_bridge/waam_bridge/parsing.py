@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 
@@ -16,6 +17,7 @@ from .frames import (
     FrameError,
     Identity,
     LineRefused,
+    PartTemperature,
     Pong,
     Resend,
     Standoff,
@@ -49,6 +51,17 @@ def _standoff(payload: bytes) -> Standoff:
     if max(f[3:]) >= _I31 or min(f[3:]) < -_I31:
         raise FrameError('standoff out of range')
     return f
+
+
+_PART = re.compile(rb'P (\d{1,18}),([0-3]),(-?\d{1,7})?')
+
+
+def _part(payload: bytes) -> PartTemperature:
+    """The number is there when the temperature is known, and only then."""
+    t_us, fault, milli = _match(_PART, payload)
+    if (fault == b'0') != (milli is not None):
+        raise FrameError('a temperature that is known without a number, or the other way round')
+    return PartTemperature(int(t_us), int(fault), int(milli) / 1e3 if milli else math.nan)
 
 
 _SAMPLES = re.compile(rb'A (\d{1,10}),(\d{1,18}),(\d{1,10}),((?:[0-o]{7})+)')
@@ -169,6 +182,7 @@ def _state(payload: bytes) -> StateChange:
 _KINDS: dict[bytes, Callable[[bytes], Frame]] = {
     b'T ': _telemetry,
     b'D ': _standoff,
+    b'P ': _part,
     b'A ': _acceleration,
     b'ok': _ack,
     b'rs': _resend,

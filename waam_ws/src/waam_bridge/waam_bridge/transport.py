@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import os
 import select
 import threading
@@ -15,6 +16,12 @@ import serial
 READ_BYTES = 65536
 LINE_LIMIT = 4096  # bytes without a newline after which they are discarded
 BACKLOG_LIMIT = 65536  # unwritten bytes after which the port is given up
+RATES = (
+    921600,
+    115200,
+    460800,
+    230400,
+)  # Bd, of a UART whose rate is to be found; the firmware's first
 _PLAIN = {
     errno.ENOENT: 'there is no such port; is the controller switched on and plugged in?',
     errno.EACCES: 'no permission to open the port; is the user in its group (dialout)?',
@@ -64,13 +71,15 @@ class Transport(Protocol):
 class SerialTransport:
     """A port (tty, USB-CDC, pseudo-terminal) with one thread that reads, hands lines over and reopens it.
 
-    `on_idle` is called after every chunk of lines and at least every `idle` seconds while the port is open.
+    `on_idle` is called after every chunk of lines and at least every `idle` seconds while the port is open. With a
+    `baud` of 0 every opening tries the next of RATES.
     """
 
     def __init__(
         self, port: str, baud: int, owner: Owner, retry: float = 0.5, idle: float = 0.02
     ) -> None:
-        self.port, self.baud, self.owner = port, baud, owner
+        self.port, self.owner = port, owner
+        self._rates = itertools.cycle((baud,) if baud else RATES)
         self.retry, self.idle = retry, idle
         self._serial: serial.Serial | None = None
         self._fd = -1
@@ -169,7 +178,9 @@ class SerialTransport:
 
     def _open(self) -> None:
         self._reason = ''
-        port = serial.Serial(self.port, self.baud, timeout=0, write_timeout=0, exclusive=True)
+        port = serial.Serial(
+            self.port, next(self._rates), timeout=0, write_timeout=0, exclusive=True
+        )
         port.reset_input_buffer()
         with self._lock:
             self._serial, self._fd = port, port.fileno()

@@ -25,6 +25,7 @@ def _start(context):
     settings = Settings(
         run=run,
         port=value['port'],
+        pyrometer=value['pyrometer'],
         rate=float(value['rate']),
         seed=int(value['seed']),
         epoch_us=int(time.time()) * 1_000_000,
@@ -46,6 +47,7 @@ def _start(context):
 
 ARGUMENTS = {  # name: default, help, choices
     'port': ('', 'controller; empty = simulated', None),
+    'pyrometer': ('', "of a real cell, as of `waam up`", None),
     'rate': ('0', 'simulated s per s, 0 = no limit', None),
     'seed': ('1', 'seed of the simulated cell', None),
     'run': (str(run_dir()), 'sockets and state', None),

@@ -70,6 +70,7 @@ def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
     wanted = Settings(
         run=tmp_path,
         port='/dev/ttyACM7',
+        pyrometer='serial:/dev/ttyUSB3',
         rate=3.0,
         seed=5,
         machine_steps=(321.6, 320.0, 400.25),

@@ -45,6 +45,31 @@ def test_simulated_graph_has_controller_and_cell_and_real_one_has_not(tmp_path):
     assert 'use_sim_time:=false' in ' '.join(real['bridge'].command)
 
 
+def test_a_real_cell_has_one_source_of_temperature_and_the_simulated_one_its_own(tmp_path):
+    def made(**changes):
+        return {p.name: p for p in processes(settings(tmp_path, **changes))}
+
+    def board(graph) -> str:
+        return next(w for w in graph['bridge'].command if w.startswith('temperature_input'))
+
+    simulated, bare = made(), made(port='x')
+    assert board(simulated) == board(bare) == 'temperature_input:="none"'
+    assert 'pyrometer' not in simulated and 'pyrometer' not in bare
+    by_board = made(port='x', pyrometer='4-20mA')
+    assert board(by_board) == 'temperature_input:="4-20mA"' and 'pyrometer' not in by_board
+    beside = made(port='x', pyrometer='modbus:10.0.0.7:502')
+    assert board(beside) == 'temperature_input:="none"'
+    assert 'source:="modbus:10.0.0.7:502"' in beside['pyrometer'].command
+    (lease,) = [a for a in beside['job_sequencer'].command if a.startswith('lease_nodes:=')]
+    assert 'pyrometer' in lease
+    robot = made(port='x', machine='robot', pyrometer='topic:/ir/spot')
+    assert 'pyrometer' in robot
+    with pytest.raises(GraphError, match='--pyrometer: the simulated cell has one of its own'):
+        made(pyrometer='0-10V')
+    with pytest.raises(GraphError, match='a robot has no controller board'):
+        made(port='x', machine='robot', pyrometer='0-10V')
+
+
 @pytest.mark.parametrize('machine', ['gantry', 'robot'])
 def test_a_preset_is_read_after_the_defaults_of_the_cell_and_before_what_the_user_says(
     tmp_path, machine

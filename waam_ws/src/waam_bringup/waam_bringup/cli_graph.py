@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 UP: Options = (
     ('--port', '', 'serial port of a real controller; without it the cell is simulated'),
+    ('--pyrometer', '', "what measures the part's temperature on a real cell: 0-10V, 4-20mA or thermocouple at the "
+     'controller, or serial:PORT, modbus:PORT, modbus:HOST:PORT, topic:NAME beside it', 'SOURCE'),
     ('--machine', GANTRY, 'what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose '
      'simulated cell keeps step with the wall clock', None, {'choices': MACHINES}),
     ('--urdf', Path, 'with --machine robot: another arm, for bridge and simulated cell (waam_robot_bridge/README.md)',
@@ -89,6 +91,7 @@ def settings_of(args: argparse.Namespace, run: Path) -> Settings:
     settings = Settings(
         run=run,
         port=args.port,
+        pyrometer=args.pyrometer,
         rate=args.rate,
         seed=args.seed,
         machine_steps=tuple(args.machine_steps),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from waam_node import priority
+from waam_process.names import TEMPERATURE_INPUTS
 from waam_process.operating import DEFAULT_PRESET, GANTRY, ROBOT, check_preset
 from waam_shop.cells import FIRST
 
@@ -44,11 +45,24 @@ class Settings:
     without: tuple[str, ...] = ()
     machine: str = GANTRY  # or another of MACHINES
     preset: str = DEFAULT_PRESET  # of PRESETS: how rough the simulated cell is
+    pyrometer: str = (
+        ''  # of a real cell: one of TEMPERATURE_INPUTS, or a source of the node pyrometer
+    )
 
     @property
     def simulated(self) -> bool:
         """Whether the cell is simulated: no port of a real controller is given."""
         return not self.port
+
+    @property
+    def temperature_input(self) -> str:
+        """Of the controller, for the part."""
+        return self.pyrometer if self.pyrometer in TEMPERATURE_INPUTS else TEMPERATURE_INPUTS[0]
+
+    @property
+    def instrument(self) -> bool:
+        """Whether the part's temperature comes from a node of its own."""
+        return bool(self.pyrometer) and self.pyrometer not in TEMPERATURE_INPUTS
 
     @property
     def paced(self) -> bool:
@@ -80,6 +94,11 @@ class Process:
 
 STOP_LANE = 'stop_lane'  # in the graph when it has a port
 CELL = 'cell'  # node of the simulated cell, whatever its machine
+ONLY: dict[str, Callable[[Settings], bool]] = {  # when a node is in the graph
+    '': lambda s: True,
+    'sim': lambda s: s.simulated,
+    'pyrometer': lambda s: s.instrument,
+}
 KEYS = {
     'package', 'executable', 'only', 'ros', 'lease', 'realtime', 'arguments', 'parameters', 'use_sim_time', 'restart',
     'machine', 'name',
@@ -130,7 +149,8 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     """Replaces ${name} in a value; a string that is only ${name} keeps the type of the setting."""
     known = {
         **vars(settings), 'run': str(settings.run), 'port': settings.port or str(settings.run / 'controller'),
-        'pace': settings.pace, 'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
+        'pace': settings.pace, 'temperature_input': settings.temperature_input,
+        'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
         'panel_access': panel_access(settings), 'jobs': str(jobs_dir()), 'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()), 'cell': cell_name(), 'lease_nodes': lease_nodes,
         'named_cell': '' if cell_name() == FIRST else cell_name(), 'parts': str(share('waam_bringup') / 'parts'),
@@ -195,6 +215,7 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
         check_preset(settings.preset)
     except ValueError as e:
         raise GraphError(f'--preset: {e}') from None
+    _check_pyrometer(settings)
     for file in settings.params_files:
         check_params(file, description)
     for name in settings.without:
@@ -205,11 +226,19 @@ def processes(settings: Settings, description: dict | None = None) -> list[Proce
         for n, d in description.items()
         if n not in settings.without
         and (settings.stop_port or n != STOP_LANE)
-        and (settings.simulated or d.get('only') != 'sim')
+        and ONLY[d.get('only', '')](settings)
         and d.get('machine', settings.machine) == settings.machine
     }
     lease_nodes = [n for n, d in chosen.items() if d.get('ros', True) and d.get('lease', True)]
     return [_process(n, d, settings, lease_nodes) for n, d in chosen.items()]
+
+
+def _check_pyrometer(settings: Settings) -> None:
+    """There is one source of the temperature: two would contradict each other."""
+    if settings.pyrometer and settings.simulated:
+        raise GraphError('--pyrometer: the simulated cell has one of its own (real cell: --port)')
+    if settings.machine == ROBOT and settings.temperature_input != TEMPERATURE_INPUTS[0]:
+        raise GraphError(f'--pyrometer {settings.pyrometer}: a robot has no controller board')
 
 
 def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> Process:

@@ -191,6 +191,7 @@ def arguments(settings: Settings, domain: int) -> list[str]:
     args += ['--panel-port', str(settings.panel_port or free_port())]
     args += ['--stop-port', str(settings.stop_port)] if settings.stop_port else []
     args += ['--machine-steps', *(f'{v:.10g}' for v in settings.machine_steps)]
+    args += ['--pyrometer', settings.pyrometer] if settings.pyrometer else []
     for name in settings.without:
         args += ['--without', name]
     for file in settings.params_files:

@@ -73,6 +73,10 @@ static void require_settings(void)
         REQUIRE(accel == bench.core.kinematics.accel_mm_s2[i], "in force");
         REQUIRE(c->accel_most_mm_s2[i] == bench.config.accel_most_mm_s2[i], "the machine stays what it is");
     }
+    REQUIRE(c->temperature.input <= WAAM_TEMPERATURE_AMPLIFIER, "temperature_input");
+    require_range(c->temperature.low_c, -273.0, 3000.0, "temperature_low_c");
+    require_range(c->temperature.high_c, -273.0, 3000.0, "temperature_high_c");
+    REQUIRE(!c->temperature.input || c->temperature.high_c > c->temperature.low_c, "ends of the signal");
     REQUIRE(c->standoff.source <= 3 && c->standoff.average >= 1 && c->standoff.average <= WAAM_STANDOFF_AVERAGE, "standoff");
 }
 
@@ -139,7 +143,7 @@ static void line(const char *text, size_t length)
 
 static void tick(void)
 {
-    const waam_inputs_t inputs = {.process = WAAM_PROCESS_OK};
+    const waam_inputs_t inputs = {.process = WAAM_PROCESS_OK, .part_v = 0.1f * (float)bench.ticks};
     const waam_fast_inputs_t in = {.valid = false};
     const int16_t value[3] = {(int16_t)bench.ticks, -4096, 4095};
     waam_outputs_t outputs;
@@ -166,6 +170,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     bench.config = waam_config_default();
     bench.config.boot_id = 1;
     bench.config.accelerometer = true;
+    bench.config.part_temperature = true;
     bench.config.starts_in_alarm = size % 2;
     waam_core_init(&bench.core, &bench.config, on_line, NULL);
     bench.core.homed = !bench.config.starts_in_alarm;

@@ -173,6 +173,7 @@ void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double curren
         .drive_fault = inputs & 32,
         .process = WAAM_PROCESS_OK, .current_a = current, .voltage_v = voltage, .wire_mm_s = wire_speed * 1e3,
         .distance_reading = lib->harness.inputs.distance_reading, .distance = lib->harness.inputs.distance,
+        .part_v = lib->harness.inputs.part_v,
     };
 }
 
@@ -180,6 +181,12 @@ void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double val
 {
     lib->harness.inputs.distance_reading = reading;
     lib->harness.inputs.distance = (float)value;
+}
+
+void controller_lib_part(controller_lib_t *lib, double volts)
+{
+    lib->harness.core.config.part_temperature = true;
+    lib->harness.inputs.part_v = (float)volts;
 }
 
 size_t controller_lib_take(controller_lib_t *lib, char *bytes, size_t size)

@@ -37,6 +37,8 @@ void controller_lib_step(controller_lib_t *lib, uint32_t milliseconds, host_samp
 void controller_lib_answer(controller_lib_t *lib, uint32_t inputs, double current, double voltage, double wire_speed);
 /* ... and its distance sensor: number and value of the newest reading (mm, or counts; NaN = no echo). After the answer. */
 void controller_lib_distance(controller_lib_t *lib, uint32_t reading, double value);
+/* The controller has a converter for the temperature of the part, which reads this, V; NaN = no reading. */
+void controller_lib_part(controller_lib_t *lib, double volts);
 /* Where the axes stand before anything has moved, mm, machine. The core does not know it until it is homed. */
 void controller_lib_place(controller_lib_t *lib, double x, double y, double z);
 /* How many steps a mm of the machine really takes, X Y Z, whatever the core takes it for; before anything has moved. */

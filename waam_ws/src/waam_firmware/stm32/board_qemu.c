@@ -1,7 +1,8 @@
 /* Stands in for the board under QEMU (machine netduinoplus2). The period of its TIM models depends on when they are started,
  * so SysTick takes their place; TIM5 is a good clock of virtual nanoseconds. The machine around it does nothing wrong:
  * switches follow the step pulses, the arc burns 50 ms after it is enabled. USART1 is the hand of a test: a small letter
- * makes a fault, the capital ends it; '?' asks what the pins have done, 'r' for the load every 100 ms. */
+ * makes a fault, the capital ends it; '?' asks what the pins have done, 'r' for the load every 100 ms; digits and '=' are the
+ * counts of the converter for the temperature of the part. */
 #include "adxl345_device.h"
 #include "board.h"
 #include "converter.h"
@@ -28,6 +29,7 @@ static uint32_t idle_loops, loops_per_ms;
 static waam_fast_outputs_t arc;
 static waam_outputs_t slow;
 static bool fault[26];
+static volatile uint32_t part_counts;
 static adxl345_device_t accelerometer;
 static uint8_t bus[WAAM_ADXL345_BYTES];
 static size_t bus_bytes;
@@ -52,8 +54,14 @@ void SysTick_Handler(void)
 
 void USART1_IRQHandler(void)
 {
+    static uint32_t number;
     char byte = (char)USART1->DR, small = (char)(byte | 0x20);
-    if (small >= 'a' && small <= 'z') {
+    if (byte >= '0' && byte <= '9') {
+        number = 10 * number + (uint32_t)(byte - '0');
+    } else if (byte == '=') {
+        part_counts = number;
+        number = 0;
+    } else if (small >= 'a' && small <= 'z') {
         fault[small - 'a'] = byte == small;
         fault_changes++;
     } else {
@@ -298,7 +306,7 @@ void board_inputs(waam_inputs_t *inputs)
     *inputs = (waam_inputs_t){.estop = faulty('e'), .limit_switch = faulty('l'), .gas_ok = slow.gas && !faulty('g'),
                               .process = faulty('p') ? WAAM_PROCESS_LOST : WAAM_PROCESS_OK,
                               .over_temperature = faulty('t'), .drive_fault = faulty('d'), .wire_mm_s = faulty('w') ? 0.0 : slow.wire_mm_s,
-                              .current_a = (double)converted_current(),
+                              .current_a = (double)converted_current(), .part_v = converter_v(part_counts),
                               .voltage_v = (double)converted_voltage()};
     for (unsigned i = 0; i < WAAM_AXES; i++) {
         double mm = (double)start_mm[i] + (double)at[i] / c.steps_per_mm[i];

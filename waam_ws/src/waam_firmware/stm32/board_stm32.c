@@ -1,4 +1,6 @@
 /* The real board: an STM32F407 with an 8 MHz crystal. Pins and scales are listed in the README of the package. */
+#include <math.h>
+
 #include "board.h"
 #include "clock.h"
 #include "converter.h"
@@ -18,7 +20,7 @@ enum { IN_ESTOP, IN_LIMIT, IN_GAS, IN_HOT, IN_DRIVE, IN_HOME_X, IN_HOME_Y, IN_HO
 static const uint8_t input_pin[INPUTS] = {0, 1, 2, 8, 9, 3, 6, 7}; /* port D */
 
 const uint32_t board_pulse = TIMER_HZ / 400000u; /* 2.5 us: what common stepper drivers want */
-static volatile uint16_t samples[3]; /* filled by DMA: arc current, arc voltage, temperature */
+static volatile uint16_t samples[4]; /* filled by DMA: arc current, arc voltage, temperatures of torch or drives, of the part */
 static uint8_t history[INPUTS];
 static volatile bool active[INPUTS];
 static volatile uint32_t stale;
@@ -48,6 +50,7 @@ static void pins_init(void)
     pin_mode(GPIOA, 0, ANALOG, 0);
     pin_mode(GPIOA, 1, ANALOG, 0);
     pin_mode(GPIOA, 4, ANALOG, 0);
+    pin_mode(GPIOC, 1, ANALOG, 0);
     pin_mode(GPIOA, 2, ALTERNATE, 7); /* USART2 */
     pin_mode(GPIOA, 3, ALTERNATE, 7);
     pin_mode(GPIOA, 11, ALTERNATE, 10); /* USB */
@@ -78,18 +81,19 @@ static void encoder_init(void)
     TIM1->CR1 = TIM_CEN;
 }
 
-/* Three channels, started by TIM2 in every fast tick, 96 cycles of 21 MHz each; DMA stores them in a circle. */
+/* Four channels, started by TIM2 in every fast tick, 96 cycles of 21 MHz each; DMA stores them in a circle. */
 static void adc_init(void)
 {
     DMA2_STREAM0->PAR = (uint32_t)&ADC1->DR;
     DMA2_STREAM0->M0AR = (uint32_t)samples;
-    DMA2_STREAM0->NDTR = 3;
+    DMA2_STREAM0->NDTR = 4;
     DMA2_STREAM0->CR = 1u << 13 | 1u << 11 | 1u << 10 | 1u << 8; /* 16 bit to 16 bit, increment, circular */
     DMA2_STREAM0->CR |= 1;
     ADC_CCR = 1u << 16;                /* 84 MHz / 4 */
     ADC1->SMPR2 = 4u | 4u << 3 | 4u << 12; /* 84 cycles */
-    ADC1->SQR1 = 2u << 20;             /* three conversions */
-    ADC1->SQR3 = 0u | 1u << 5 | 4u << 10;
+    ADC1->SMPR1 = 4u << 3;
+    ADC1->SQR1 = 3u << 20;             /* four conversions */
+    ADC1->SQR3 = 0u | 1u << 5 | 4u << 10 | 11u << 15;
     ADC1->CR1 = 1u << 8;               /* scan */
     ADC1->CR2 = 1u | 1u << 8 | 1u << 9 | 6u << 24 | 1u << 28; /* on, DMA without end, rising edge of TIM2 */
 }
@@ -238,6 +242,7 @@ void board_inputs(waam_inputs_t *inputs)
         .current_a = (double)current_a, .voltage_v = (double)voltage_v, .wire_mm_s = (double)wire_mm_s,
         .over_temperature = active[IN_HOT], .drive_fault = active[IN_DRIVE],
         .temperature_c = (double)((float)samples[2] * (VOLT_PER_COUNT * CELSIUS_PER_V)),
+        .part_v = stale < STALE_MAX ? converter_v(samples[3]) : NAN,
     };
 }
 

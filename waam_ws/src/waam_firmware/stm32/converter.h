@@ -13,6 +13,8 @@
 #define CURRENT_ZERO_V 0.396f /* ACS758-200U at 5 V (0.6 V), 2:3 onto the converter */
 #define CURRENT_A_PER_V 75.0f /* 20 mV/A times 2/3 */
 
+static inline float converter_v(uint32_t count) { return (float)count * VOLT_PER_COUNT; }
+
 static inline float converter_current_a(uint32_t count)
 {
     return ((float)count * VOLT_PER_COUNT - CURRENT_ZERO_V) * CURRENT_A_PER_V;

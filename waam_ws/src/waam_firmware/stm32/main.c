@@ -130,6 +130,7 @@ static void start(void)
     config.reset_reason = fault_take();
     config.watchdog_reset = board_was_hung() || config.reset_reason;
     config.accelerometer = true; /* the driver; whether a sensor answers shows when it is asked for */
+    config.part_temperature = true;
     board_ranges(&config);
     waam_core_init(&core, &config, send_line, NULL);
     port_start();

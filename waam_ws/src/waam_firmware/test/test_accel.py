@@ -51,8 +51,8 @@ def test_the_longest_answers_fit_into_a_line():
     m.ask('$Z 123.4567 123.4567 123.4567')
     identity = m.ask('$I')
     assert identity.endswith(' corner_mm=0.123')
-    # a boot id, line numbers and a clock of their most digits, the longer check, the sensor's capability, `clk=sync`
-    more = len('@4294967295 @9007199254740992*0123456789\n,ACCEL') + 3 * 9
+    # a boot id, line numbers and a clock of their most digits, the longer check, the sensors' capabilities, `clk=sync`
+    more = len('@4294967295 @9007199254740992*0123456789\n,ACCEL,TEMPERATURE') + 3 * 9
     assert len(identity) + more <= 480
 
 

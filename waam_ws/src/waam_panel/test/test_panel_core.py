@@ -430,6 +430,26 @@ def test_what_the_standoff_control_says_is_shown_in_millimetres():
     assert 'standoff' not in state.stale(8.0) and 'standoff' in state.stale(10.0)
 
 
+def test_the_temperature_of_a_real_cell_is_shown_whoever_publishes_it_and_unknown_as_unknown():
+    """There is no node `cell` then; a pyrometer that dies is an alarm."""
+    from sensor_msgs.msg import Temperature
+
+    from waam_panel.conversions import CONVERT
+
+    state = PanelState(10)
+    state.apply('temperature', CONVERT['temperature'](Temperature(temperature=312.44)), 5.0, 1.0)
+    assert state.sections['temperature'] == {'value': 312.4}
+    assert 'temperature' not in state.stale(6.0)
+    assert state.stale(8.0)['temperature'] == 'nothing on temperature for 3 s'
+    state.apply('temperature', CONVERT['temperature'](Temperature(temperature=np.nan)), 9.0, 1.0)
+    assert state.sections['temperature'] == {'value': None}
+    state.sources.lives('pyrometer', 9.0)
+    state.look(10.0, 1.0)
+    assert state.alarms.listing() == []
+    state.look(20.0, 1.0)
+    assert 'pyrometer' in state.alarms.listing()[0]['text']
+
+
 def test_the_end_of_tracking_has_the_line_of_its_code():
     state = PanelState(10)
     anomaly = {'class': 'height', 'severity': 1, 'text': 'E212 the distance contradicts the arc'}

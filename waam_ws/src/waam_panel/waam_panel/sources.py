@@ -16,7 +16,8 @@ GONE_S = 10.0  # s after which it is told as an alarm, and as the end of its job
 
 @dataclass(frozen=True)
 class Source:
-    """node: that publishes `topic`; within: s between two messages at most, None = it only tells news."""
+    """node: that publishes `topic`, '' = one of several; within: s between two messages at most, None = it only
+    tells news."""
 
     node: str
     topic: str
@@ -28,7 +29,7 @@ SOURCES = {
     'machine': Source('bridge', 'machine_state', 2.2),
     'link': Source('bridge', 'link_status', 2.2),
     'standoff': Source('bridge', 'standoff', 3.0),
-    'temperature': Source('cell', 'temperature', 2.2),
+    'temperature': Source('', 'temperature', 2.2),  # of the simulated cell, bridge or pyrometer
     'heat': Source('thermal_compensator', 'heat_factor', 2.2),
     'process': Source('process_control', 'process_control', 3.0),
     'job': Source('job_sequencer', 'job_status'),
@@ -38,7 +39,7 @@ SOURCES = {
     'viewer': Source('dashboard', '/diagnostics'),
 }
 PROGRAMS = (  # nodes of a cell whose silence is an alarm
-    *dict.fromkeys(s.node for s in SOURCES.values()), 'feed_forward', 'recorder',
+    *dict.fromkeys(s.node for s in SOURCES.values() if s.node), 'cell', 'pyrometer', 'feed_forward', 'recorder',
 )  # fmt: skip
 
 

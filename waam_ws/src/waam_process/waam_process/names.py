@@ -20,6 +20,8 @@ JOB_RUNNING = tuple(s for s in JOB_STATES if s not in ('IDLE', *JOB_ENDED))
 # what the torch is held at its distance by, and the law from the error to the speed
 STANDOFF_SOURCES = ('none', 'laser', 'infrared', 'arc')
 STANDOFF_LAWS = ('relay', 'pid')
+# signals of the part's temperature at the controller; the index is their number in $C temperature_input
+TEMPERATURE_INPUTS = ('none', '0-10V', '4-20mA', 'thermocouple')
 
 SEVERITIES = ('INFO', 'WARNING', 'FAULT', 'ALARM')  # of an anomaly; the index is its number
 FAULTS = ('FAULT', 'ALARM')  # those that count as faults

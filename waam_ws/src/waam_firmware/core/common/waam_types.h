@@ -10,6 +10,7 @@
 #include "waam_arc_settings.h"
 #include "waam_shaper_settings.h"
 #include "waam_standoff_settings.h"
+#include "waam_temperature_settings.h"
 
 #define WAAM_AXES 3
 #define WAAM_PARTS 128          /* of a step, in which places are told between two steps */
@@ -125,6 +126,8 @@ typedef struct {
     uint32_t underrun_grace_us;
     uint32_t telemetry_us;
     bool accelerometer;         /* the shell calls waam_core_accelerometer */
+    bool part_temperature;      /* the shell has a converter for it: part_v */
+    waam_temperature_config_t temperature; /* of the part; $C changes it */
 } waam_config_t;
 
 typedef enum { WAAM_PROCESS_ABSENT = 0, WAAM_PROCESS_OK, WAAM_PROCESS_LOST } waam_process_t;
@@ -137,7 +140,8 @@ typedef struct {
     double current_a, voltage_v, wire_mm_s; /* current and voltage: not used where the fast tick has them */
     bool drive_fault;           /* FAULT output of a drive: its axis does not follow the pulses any more */
     bool over_temperature;      /* thermal switch of torch, drives or cooling */
-    double temperature_c;       /* where it is measured; else 0 */
+    double temperature_c;       /* of torch or drives, where it is measured; else 0 */
+    float part_v;               /* at the converter for the temperature of the part; NaN = no reading */
     uint32_t distance_reading;  /* counts up with every reading of the distance sensor */
     float distance;             /* of it: mm, or counts of the infrared sensor; NaN = no echo */
 } waam_inputs_t;

@@ -108,5 +108,6 @@ waam_config_t waam_config_default(void)
         .lease_margin_us = 10000,
         .underrun_grace_us = 20000,
         .telemetry_us = 10000,
+        .temperature = {.high_c = 1000.0},
     };
 }

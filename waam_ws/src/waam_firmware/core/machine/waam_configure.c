@@ -1,4 +1,5 @@
-/* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire or the axes. */
+/* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire, the axes or the
+ * temperature of the part. */
 #include <math.h>
 
 #include "waam_accel.h"
@@ -112,6 +113,26 @@ static void configure_wire(waam_request_t *r, const waam_setting_t *setting, dou
     waam_request_ok(r);
 }
 
+static void configure_temperature(waam_request_t *r, const waam_setting_t *setting, double value)
+{
+    waam_temperature_config_t changed = r->core->config.temperature;
+    if (!waam_setting_put(setting, &changed, value)) {
+        refuse_value(r, setting);
+        return;
+    }
+    if (!r->core->config.part_temperature) {
+        waam_request_refuse(r, WAAM_E_NOT_NOW, "this controller has no input for it");
+        return;
+    }
+    if (changed.input != WAAM_TEMPERATURE_OFF && !(changed.high_c > changed.low_c)) {
+        refuse_because(r, setting->name, "the upper end must be above the lower one");
+        return;
+    }
+    r->core->config.temperature = changed;
+    r->core->temperature = (waam_temperature_t){0};
+    waam_request_ok(r);
+}
+
 static void refuse_error(waam_request_t *r, const waam_error_t *error)
 {
     waam_request_refuse(r, error->code, "");
@@ -144,13 +165,14 @@ void waam_order_configure(waam_request_t *r)
     const waam_setting_t *wire = waam_wire_setting(name.text, name.length);
     const waam_setting_t *scale = waam_scale_setting(name.text, name.length);
     const waam_setting_t *accel = waam_accel_setting(name.text, name.length);
+    const waam_setting_t *temperature = waam_temperature_setting(name.text, name.length);
     waam_error_t error;
     double value;
     if (!waam_core_settable(r->core, &error)) {
         refuse_error(r, &error);
         return;
     }
-    if (!standoff && !shaper && !wire && !scale && !accel) {
+    if (!standoff && !shaper && !wire && !scale && !accel && !temperature) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
@@ -164,6 +186,8 @@ void waam_order_configure(waam_request_t *r)
         configure_accel(r, accel, value);
     else if (wire)
         configure_wire(r, wire, value);
+    else if (temperature)
+        configure_temperature(r, temperature, value);
     else
         configure_shaper(r, shaper, value);
 }

@@ -26,6 +26,7 @@
 #include "waam_planner.h"
 #include "waam_shaper.h"
 #include "waam_standoff.h"
+#include "waam_temperature.h"
 #include "waam_wire.h"
 
 /* An immediate line that was done, so that its repetition is answered and not done again. */
@@ -96,6 +97,7 @@ typedef struct {
     bool approaching, approach_asked; /* a strike waits for the distance */
     bool standoff_due;          /* its line of telemetry */
     waam_acceleration_t acceleration; /* shared with the fast tick */
+    waam_temperature_t temperature; /* of the part */
 
     /* the end of what is planned */
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */

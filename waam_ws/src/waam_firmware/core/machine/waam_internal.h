@@ -119,6 +119,9 @@ bool waam_guard_drives(const waam_core_t *core); /* enabled? */
 void waam_core_telemetry(waam_core_t *core);
 /* What the standoff control does: in the tick after the frame, for two lines are much for one tick. */
 void waam_core_standoff_telemetry(waam_core_t *core);
+/* Every tick: the converter for the temperature of the part. */
+void waam_core_temperature_read(waam_core_t *core);
+bool waam_core_temperature_telemetry(waam_core_t *core); /* false: no line of it is due */
 
 /* accelerometer (waam_accelerometer.c) */
 void waam_core_accelerations(waam_core_t *core);

@@ -38,6 +38,7 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
     core->now_us += dt_us;
     core->since_tick_us = 0;
     waam_guard_inputs(core, inputs, dt_us);
+    waam_core_temperature_read(core);
     if (!core->replanned) /* both in one tick would make it the longest one */
         waam_core_take_lines(core);
     core->replanned = false;
@@ -68,7 +69,8 @@ void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inpu
         if (core->telemetry_us > dt_us)
             return;
     }
-    waam_core_accelerations(core);
+    if (!waam_core_temperature_telemetry(core))
+        waam_core_accelerations(core);
 }
 
 /* ---- the fast tick and the signs of life ---- */

@@ -55,6 +55,28 @@ void waam_core_standoff_telemetry(waam_core_t *core)
     send_fields(core, "D ", fields, sizeof fields / sizeof fields[0]);
 }
 
+static bool feels(const waam_core_t *core)
+{
+    return core->config.temperature.input != WAAM_TEMPERATURE_OFF && core->link.dialect == WAAM_DIALECT_NATIVE;
+}
+
+void waam_core_temperature_read(waam_core_t *core)
+{
+    if (feels(core))
+        waam_temperature_read(&core->temperature, &core->config.temperature, core->inputs.part_v);
+    else
+        core->temperature = (waam_temperature_t){0};
+}
+
+bool waam_core_temperature_telemetry(waam_core_t *core)
+{
+    waam_text_t line = {.length = 0};
+    if (!feels(core) || !waam_temperature_line(&core->temperature, &core->config.temperature, core->now_us, &line))
+        return false;
+    waam_core_send(core, &line, WAAM_TX_TELEMETRY);
+    return true;
+}
+
 void waam_core_telemetry(waam_core_t *core)
 {
     const waam_inputs_t *in = &core->inputs;
