@@ -124,6 +124,10 @@ build() {
     # without it, colcon lets make wait whenever the machine is busy
     export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
     unset PYTHONPATH COLCON_PREFIX_PATH
+    # CMake refuses a build folder of a package that has moved
+    sed -n 's|^CMAKE_HOME_DIRECTORY:INTERNAL=||p' waam_ws/build/*/CMakeCache.txt 2>/dev/null | while read -r from; do
+        [ -d "$from" ] || rm -rf "waam_ws/build/${from##*/}"
+    done
     # vendor: packages that no wheel brings; colcon alone passes it by, for a full ROS installation has them
     (cd waam_ws && colcon --log-level error build --base-paths src vendor/* --symlink-install --continue-on-error --parallel-workers 2 \
         --cmake-args -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DPython3_EXECUTABLE=$root/.venv/bin/python3" -Wno-dev \

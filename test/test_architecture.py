@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,9 @@ def test_package_is_complete(package):
     if not package.endswith('_msgs'):
         assert list((folder / 'test').glob('test_*.py')), f'{package} has no tests'
     if (folder / 'setup.py').exists():
-        assert "extras_require={'test': ['pytest']}" in (folder / 'setup.py').read_text()  # colcon test
+        assert (
+            "extras_require={'test': ['pytest']}" in (folder / 'setup.py').read_text()
+        )  # colcon test
 
 
 def test_no_test_imports_a_module_whose_name_is_not_its_own():
@@ -118,3 +121,42 @@ def test_repository_holds_no_machine_paths_or_registry_hosts():
                 continue
             found = words.search(file.read_text(errors='ignore'))
             assert not found, f'{file}: {found.group(0)}'
+
+
+# ---- dependencies ----------------------------------------------------------------------------
+
+# rosdep's keys of modules whose name differs from theirs
+ROSDEP = {
+    'aiohttp': 'python3-aiohttp', 'lz4': 'python3-lz4', 'matplotlib': 'python3-matplotlib', 'numba': 'python3-numba',
+    'numpy': 'python3-numpy', 'open3d': 'python3-open3d', 'pymodbus': 'python3-pymodbus', 'rich': 'python3-rich',
+    'scipy': 'python3-scipy', 'serial': 'python3-serial', 'shapely': 'python3-shapely',
+    'trimesh': 'python3-trimesh-pip', 'yaml': 'python3-yaml', 'zstandard': 'python3-zstandard',
+}  # fmt: skip
+# without a key: `pip install -r requirements.txt` (and -robot, -train, -cluster), as docs/ros.md says
+PIP_ONLY = {
+    'apprise', 'coal', 'contourpy', 'duckdb', 'kiss_icp', 'mcap', 'pinocchio', 'pyarrow', 'ray', 'rerun',
+    'rerun_bindings', 'rerun_cli', 'rosbags', 'toppra', 'torch',
+}  # fmt: skip
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """First names of the modules that a file imports."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {a.name.split('.')[0] for a in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            names.add(node.module.split('.')[0])
+    return names
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_every_import_is_a_declared_dependency(package):
+    declared = set(
+        re.findall(r'<(?:exec_|build_)?depend>([^<]+)', (SRC / package / 'package.xml').read_text())
+    )
+    used = set().union(
+        *(imported(m.tree) for m in WORKSPACE.modules.values() if m.package == package), set()
+    )
+    used -= set(sys.stdlib_module_names) | PIP_ONLY | {package}
+    assert not {ROSDEP.get(name, name) for name in used} - declared
