@@ -19,6 +19,7 @@ from waam_node.testing import fresh_domain
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
 from waam_replay.play_clock import PlayClock
+from waam_replay.player_node import offered
 from waam_replay.playlist import Playlist, Wanted, against_live, parse_remap
 
 DOMAIN = fresh_domain()
@@ -110,6 +111,24 @@ def test_messages_from_and_until(record):
     topics, _ = playlist.allowed(set())
     assert [n for n, _ in playlist.latched_before(topics, T0 + 10**9)] == ['/held']
     assert playlist.latched_before(topics, T0) == []
+
+
+def test_all_fixed_frames_are_there_for_who_comes_late(tmp_path):
+    """Bridge and scan_fusion both publish /tf_static: the last message alone would lose frames."""
+    writer, kind = BagWriter(tmp_path / 'record'), 'std_msgs/msg/String'
+    held = ({'reliability': 'reliable', 'durability': 'transient_local'},)
+    for name in ('/tf_static', '/held'):
+        topic = Topic(name, kind, full_text(kind, ament_prefixes()), latched=True, qos=held)
+        number = writer.add_topic(topic)
+        for n in range(2):
+            writer.write(number, T0 + n, T0 + n, n, text(f'{n}'))
+    writer.close()
+    playlist = Playlist(tmp_path / 'record', Wanted())
+    topics, _ = playlist.allowed(set())
+    names = [n for n, _ in playlist.latched_before(topics, T0 + 10)]
+    assert sorted(names) == ['/held', '/tf_static', '/tf_static']
+    depths = {n: offered(t).depth for n, t in topics.items()}
+    assert depths['/held'] == 1 and depths['/tf_static'] > 1
 
 
 class Listener:

@@ -22,7 +22,7 @@ from waam_record.conversions import message_type
 from waam_record.read_record import record_folder
 
 from .play_clock import PlayClock
-from .playlist import Playlist, Wanted, against_live, parse_remap
+from .playlist import TF_STATIC, Playlist, Wanted, against_live, parse_remap
 
 BURST = 500  # messages that are published at most before the executor gets its turn
 CLOCK_S = 0.01  # wall time between two messages on /clock
@@ -58,7 +58,7 @@ def offered(topic: Topic) -> QoSProfile:
     """Reliable unless all recorded publishers were best effort; latched when all of them were."""
     best_effort = bool(topic.qos) and all(q.get('reliability') == 'best_effort' for q in topic.qos)
     return QoSProfile(
-        depth=1 if topic.latched else 1000,
+        depth=1 if topic.latched and topic.name != TF_STATIC else 1000,
         reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
     )

@@ -18,6 +18,7 @@ COMMANDS = re.compile(
     r'(^|/)(override|process_override|lease_tick|heartbeat|weld_command|joint_trajectory)$|/_action/|/cmd_|(^|/)enqueue$'
 )
 MACHINE_NODES = ('bridge', 'job_sequencer', 'joint_trajectory_controller')
+TF_STATIC = '/tf_static'
 NEVER = re.compile(r'/_service_event$|^/clock$|^/rosout$|^/parameter_events$')
 
 
@@ -115,13 +116,15 @@ class Playlist:
                 yield topic.name, message
 
     def latched_before(self, names: dict[str, Topic], at_ns: int) -> list[tuple[str, Message]]:
-        """The last message of every latched topic before `at_ns`: what a late joiner would have seen."""
+        """The last message of every latched topic before `at_ns`: what a late joiner would have seen; of /tf_static,
+        which several nodes publish, all of them."""
         latched = {n for n, t in names.items() if t.latched}
-        found: dict[str, Message] = {}
+        found: dict[tuple[str, int], tuple[str, Message]] = {}
         for topic, message in (
             messages(self.files, Selection(topics=tuple(latched))) if latched else ()
         ):
             if message.log_time >= at_ns:
                 break
-            found[topic.name] = message
-        return list(found.items())
+            which = message.log_time if topic.name == TF_STATIC else 0
+            found[topic.name, which] = topic.name, message
+        return list(found.values())
