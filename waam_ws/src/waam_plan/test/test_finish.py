@@ -109,8 +109,10 @@ def test_a_run_out_ends_at_a_step_of_the_part():
     needed[:, 5:9] = True
     wide = finish.with_run_out(needed, nominal, 4)
     assert wide[2, 1:10].all() and not wide[:, 10:].any() and not wide[2, 0]
-    sides = finish.free_sides(needed | wide, nominal, nominal)
-    assert sides[2, 10] and not sides[2, :10].any()
+    sides = finish.free_sides(needed | wide, nominal)
+    assert sides[:, 10:].all() and not sides[:, :10].any()
+    slope = np.broadcast_to(0.010 - 0.5e-3 * np.arange(20), nominal.shape)
+    assert not finish.free_sides(needed, slope).any()
 
 
 def test_a_build_refuses_it(box_file):

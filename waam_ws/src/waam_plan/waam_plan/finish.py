@@ -69,12 +69,10 @@ def forecast(last_layer: float) -> Forecast:
     return Forecast(TAIL * RELATIVE_RMS * last_layer)
 
 
-def along_sides(needed: np.ndarray, nominal: HeightGrid, found: np.ndarray) -> np.ndarray:
+def along_sides(needed: np.ndarray, nominal: HeightGrid) -> np.ndarray:
     """m of metal more than the allowance: SIDES at a straight free side of the needed area, half as much again at a
     corner, fading out within REACH."""
-    free = free_sides(needed, nominal.z, np.nan_to_num(found, nan=-np.inf))
-    if not (free & ndimage.binary_dilation(needed)).any():
-        return np.zeros(needed.shape)
+    free = free_sides(needed, nominal.z)
     near = ndimage.gaussian_filter(free * 1.0, REACH / 2 / nominal.spec.resolution, mode='nearest')
     return 2.0 * SIDES * near
 
@@ -133,11 +131,12 @@ def with_run_out(needed: np.ndarray, nominal: np.ndarray, cells: int) -> np.ndar
     return out
 
 
-def free_sides(on: np.ndarray, top: np.ndarray, standing: np.ndarray) -> np.ndarray:
-    """bool: cells beside `on` that lie lower than it by more than STEP. top: its surface, standing: what was found, m;
-    NaN = off the part, not seen."""
-    near = masks.spread(np.where(on, top, 0.0), on, np.ones_like(on))
-    return ~on & (near - standing > STEP)
+def free_sides(on: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+    """bool: cells off the part (nominal, m, NaN) or lower on it that begin beside `on` with more than STEP."""
+    near = masks.spread(np.where(on, nominal, 0.0), on, np.ones_like(on))
+    lower = ~on & ~(near - nominal <= STEP)
+    free: np.ndarray = ndimage.binary_propagation(lower & ndimage.binary_dilation(on), mask=lower)
+    return free
 
 
 def for_machining(settings: PlanSettings, allowance: float) -> PlanSettings:

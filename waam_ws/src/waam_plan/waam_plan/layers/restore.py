@@ -52,7 +52,7 @@ def plan_restoration(
     found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
     needed = finish.needed_area(HeightGrid(nominal.spec, found), nominal)
-    settings, above, remarks = _finished(found, needed, nominal, settings)
+    settings, above, remarks = _finished(needed, nominal, settings)
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
@@ -118,14 +118,14 @@ def _known_surface(
 
 
 def _finished(
-    found: np.ndarray, needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings
+    needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings
 ) -> tuple[PlanSettings, np.ndarray | float, list[str]]:
     """Settings with what a machined finish needs, metal wanted above nominal (m), and what is said of it."""
     if settings.finish != finish.MACHINED:
         return settings, settings.allowance, []
     ahead = finish.forecast(finish_height(settings) or settings.layer_height)
-    more = finish.along_sides(needed, nominal, found)
-    given = settings.allowance > 0
+    more = finish.along_sides(needed, nominal)
+    given = settings.allowance != 0
     allowance = settings.allowance if given else ahead.allowance
     above = allowance + (0.0 if given else more)
     return (
@@ -221,7 +221,7 @@ def _free(job: _Restoration, on: np.ndarray) -> np.ndarray:
     finish lower ground."""
     free = np.isnan(job.wanted)
     if job.settings.finish == finish.MACHINED:
-        free |= finish.free_sides(on, job.wanted, job.standing)
+        free |= finish.free_sides(on, job.wanted)
     return free
 
 
