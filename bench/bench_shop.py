@@ -2,8 +2,8 @@
 
 `shop.cleans_up_share`: share of the jobs of which 99.5 % of the needed area are at or above nominal;
 `shop.stock_mean_mm`, `shop.stock_99_mm`: what is to be machined off, mean and 99 % of what was laid, mean over jobs.
-The allowance was chosen on seeds from 101 on; the seeds here are for reporting only. Baseline: the same cells as laid,
-with nothing left on top. `WAAM_BENCH_SEEDS=1,2` chooses other seeds, `WAAM_BENCH_PRESET` another preset.
+The allowance was chosen on seeds from 101 on; the seeds here are for reporting only. Baseline: what is
+wanted. `WAAM_BENCH_SEEDS=1,2` chooses other seeds, `WAAM_BENCH_PRESET` another preset.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from lib.preset import preset
 from lib.seeds import seeds
 
 SEEDS = (1, 2, 3)
-FINISHES = ('machined', 'as-laid')
-NAMES = (('cleans_up_share', ''), ('stock_mean_mm', 'mm'), ('stock_99_mm', 'mm'))
+NAMES = (('cleans_up_share', '', 0.95), ('stock_mean_mm', 'mm', 0.7), ('stock_99_mm', 'mm', 1.6))
 
 
 def restorations() -> None:
@@ -29,27 +28,23 @@ def restorations() -> None:
 
     on, jobs = preset('recorded'), []
     with tempfile.TemporaryDirectory() as folder:
-        for finish in FINISHES:
-            for kind in shop.KINDS:
-                paths = shop.write(Path(folder), kind)
-                told = dict(name=kind, preset=on, plan_settings=(f'finish={finish}',))
-                jobs += [restore(*paths, seed=seed, **told) for seed in seeds(SEEDS)]
+        for kind in shop.KINDS:
+            paths = shop.write(Path(folder), kind)
+            told = dict(name=kind, preset=on, plan_settings=('finish=machined',))
+            jobs += [restore(*paths, seed=seed, **told) for seed in seeds(SEEDS)]
         found = run_many(jobs, workers=int(os.environ.get('WAAM_BENCH_WORKERS', '2')))
-    values: dict[str, list] = {finish: [] for finish in FINISHES}
+    rows = []
     for job, r in zip(jobs, found, strict=True):
         if r.failed:
             raise RuntimeError(f'{job.goal.name}, seed {r.seed}: {r.message}')
-        finish = job.goal.plan_settings[0].partition('=')[2]
-        row = (float(r.clean_share >= 0.995), r.stock_mean * 1e3, r.stock_high * 1e3)
-        values[finish].append(row)
+        rows.append((float(r.in_tolerance), r.stock_mean * 1e3, r.stock_high * 1e3))
         print(
-            f'{finish} {job.goal.name}, seed {r.seed}: {r.clean_share:.2%} clean, stock {row[1]:.2f} mm, 99 % '
-            f'{row[2]:.2f} mm, not laid {r.unlaid_share:.1%}',
+            f'{job.goal.name}, seed {r.seed}: {r.verdict}, {r.clean_share:.2%}, stock {rows[-1][1]:.2f} mm, 99 % '
+            f'{rows[-1][2]:.2f} mm, not laid {r.unlaid_share:.1%}',
             file=sys.stderr,
         )
-    machined, laid = (np.mean(values[finish], axis=0) for finish in FINISHES)
-    for i, (name, unit) in enumerate(NAMES):
-        emit(f'shop.{name}', float(machined[i]), unit, 'the same cells as laid', float(laid[i]), on)
+    for (name, unit, wanted), value in zip(NAMES, np.mean(rows, axis=0), strict=True):
+        emit(f'shop.{name}', float(value), unit, 'wanted', wanted, on)
 
 
-FIGURES = {f'shop.{name}': restorations for name, _ in NAMES}
+FIGURES = {f'shop.{name}': restorations for name, _, _ in NAMES}

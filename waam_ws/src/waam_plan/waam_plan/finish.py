@@ -30,8 +30,8 @@ STEP = 1.0e-3  # m between neighbouring cells: run-outs end there, and lower gro
 OVER_SIDES = 2.2e-3  # m that metal is laid over free sides at least
 NARROW = 5 / 6  # of the usual bead width: narrower beads leave shallower valleys
 RELATIVE_RMS = 0.16  # RMS error over the thickness of the last layer, on the preset `recorded`
-TAIL = 2.4  # depth of the lowest 0.5 % over the RMS error, inside the part
-SPREAD = 0.33  # standard deviation of the logarithm of that depth
+TAIL = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
+SPREAD = 0.25  # standard deviation of the logarithm of that depth
 SIDES = 0.6e-3  # m more along free sides, where melt runs down; fades out within
 REACH = 3.0e-3  # m of them
 
