@@ -11,6 +11,7 @@ from .values import mapping, number, ratio
 
 Row = dict[str, Any]
 JOULE_PER_KWH = 3.6e6
+GOOD, REJECTED = ('in tolerance', 'cleans up'), ('out of tolerance', 'does not clean up', 'failed')
 GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'loop_mode', 'month')
 
 
@@ -78,7 +79,7 @@ def key_figures(jobs: list[Row], prices: Prices | None = None) -> Row:
     """Figures of all these jobs together. Ratios count the jobs that have both of their terms; None: none has."""
     found: Row = {
         'jobs': len(jobs),
-        'in_tolerance': sum(j.get('verdict') == 'in tolerance' for j in jobs),
+        'in_tolerance': sum(j.get('verdict') in GOOD for j in jobs),
         'failed': sum(j.get('verdict') == 'failed' for j in jobs),
         'metal_kg': _sum(jobs, 'metal_kg'),
         'wire_kg': _sum(jobs, 'wire_kg'),
@@ -137,9 +138,9 @@ def _weighted(jobs: list[Row], name: str, weight: str) -> float | None:
 
 
 def _rejected(jobs: list[Row]) -> float | None:
-    """Of the jobs that were judged or failed, those not in tolerance."""
-    judged = [j for j in jobs if j.get('verdict') in ('in tolerance', 'out of tolerance', 'failed')]
-    return ratio(sum(j['verdict'] != 'in tolerance' for j in judged), len(judged))
+    """Of the jobs that were judged or failed, those that are not good."""
+    judged = [j for j in jobs if j.get('verdict') in (*GOOD, *REJECTED)]
+    return ratio(sum(j['verdict'] not in GOOD for j in judged), len(judged))
 
 
 def _costs(jobs: list[Row], prices: Prices) -> Row:

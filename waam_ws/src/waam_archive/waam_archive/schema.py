@@ -52,7 +52,7 @@ _JOBS = [
         operator='who answered for the job',
         wire_lot='as the notes of the job say', gas='as the notes of the job say',
         state='state that the job ended in: `DONE`, `FAILED`, `ABORTED`, `INTERRUPTED`',
-        verdict='`in tolerance`, `out of tolerance`, `not judged: REASON`, `failed`',
+        verdict='`in tolerance`, `out of tolerance`, `cleans up`, `does not clean up`, `not judged: REASON`, `failed`',
         verdict_with_rim='the same words over the whole region', message='last message of the job',
         software='revision of this software', controller='identity of the controller', firmware='its firmware',
     ),

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
+from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
 from waam_job.model.limits import K_GAIN_MAX
 from waam_process.cli_options import Options, Verbs, add_options, add_verb
 from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
@@ -44,6 +44,7 @@ RUN: Options = (
      'without --as-found)', None, {'choices': ('restore', 'build')}),
     ('--as-found', Path, 'simulated cell: mesh of the worn part that lies on the table'),
     ('--scale', 1e-3, 'metres per unit of the file (default 0.001: millimetres)'),
+    ('--finish', str, FINISH_HELP, None, {'choices': FINISHES}),
     ('--allowance', 0.0, 'metal left on top of the nominal part for machining', 'MM'),
     ('--passes', 1, '2 = half of the layers, then plan again from the scan (a posteriori)'),
     ('--strategy', '', 'how layers are filled (waam plan --help); default: chosen'),

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from waam_job.cli_program import asked_of
+from waam_job.cli_program import asked_of, with_finish
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
@@ -57,7 +57,7 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
         'allowance': args.allowance * 1e-3,
         'passes': args.passes,
         'wire_left': args.wire_left,
-        'plan_settings': tuple(getattr(args, 'set', ())),
+        'plan_settings': (*with_finish(args), *getattr(args, 'set', ())),
         'repair': getattr(args, 'repair', False),
         'operator_name': getattr(args, 'operator', ''),
         'fresh': getattr(args, 'fresh', False),
@@ -231,7 +231,9 @@ def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:
             return 130
         return 2 if code in REFUSED else 1
     verdict = '; in tolerance' if result.in_tolerance else '; out of tolerance'
-    if math.isnan(result.rms):  # nothing could be judged; the message says why
+    if (
+        math.isnan(result.rms) or 'clean' in result.message
+    ):  # nothing could be judged; the message says why
         verdict = ''
     print(f'done: {result.layers} layers, {result.message}{verdict}')
     return 0

@@ -9,9 +9,15 @@ from typing import Any
 
 from waam_plan.cli_program import PART_HELP as PART_HELP
 from waam_plan.cli_program import add_program as add_program
+from waam_plan.settings import FINISHES as FINISHES
 from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.segment import Point
+
+FINISH_HELP = (
+    'of a restoration: as-laid (default) within the tolerance; machined: nothing below nominal after machining, the '
+    'allowance chosen by the forecast unless --allowance gives it'
+)
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,11 @@ def add_loop_mode(p: argparse.ArgumentParser) -> None:
         help='default: closed_loop; for a program without --nominal monitor',
     )
     keep_old_name(p, '--profile', option)
+
+
+def with_finish(args: argparse.Namespace) -> tuple[str, ...]:
+    """--finish as a setting of the planner."""
+    return (f'finish={args.finish}',) if getattr(args, 'finish', None) else ()
 
 
 def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from waam_job.cli_program import PART_HELP, add_loop_mode, add_program
+from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
 from waam_node import spread
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
@@ -67,6 +67,7 @@ def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument('--material', default=DEFAULT_MATERIAL, help='key of the material table')
     p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of both files')
     p.add_argument('--repair', action='store_true', help='close holes of the mesh')
+    p.add_argument('--finish', choices=FINISHES, help=FINISH_HELP)
     p.add_argument('--allowance', type=float, default=0.0, metavar='MM', help='left for machining')
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from waam_job.cli_program import asked_of
+from waam_job.cli_program import asked_of, with_finish
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
@@ -96,7 +96,7 @@ def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]
         strategy=args.strategy,
         allowance=args.allowance * 1e-3,
         passes=args.passes,
-        plan_settings=plan,
+        plan_settings=(*with_finish(args), *plan),
         repair=args.repair,
         **asked_of(args, 'restore' if args.as_found else 'build').goal_fields(),
     )
@@ -179,7 +179,7 @@ def show(campaign: report.Campaign, console: Console) -> None:
         console.print(table)
     colour = 'green' if share.value >= 0.95 else 'yellow' if share.count else 'red'
     console.print(
-        f'[{colour}]{share.count} of {share.of} jobs in tolerance[/], of all such jobs '
+        f'[{colour}]{share.count} of {share.of} jobs {campaign.word}[/], of all such jobs '
         f'{share.low * 100:.0f} to {share.high * 100:.0f} % (95 % confidence)'
     )
     for text in campaign.warnings:

@@ -97,6 +97,11 @@ class LabResult:
     verdict_edges: str = ''  # over the whole region
     overrun: float = math.nan  # m, how far metal stands over the sides of the part, largest
     overrun_mean: float = math.nan  # m, the same on average
+    # share of the needed area at or above nominal; NaN unless the finish is machined
+    clean_share: float = math.nan
+    stock_mean: float = math.nan  # m to be machined off what was laid
+    stock_high: float = math.nan  # m, 99 % of it have less
+    unlaid_share: float = math.nan  # of the needed area: too narrow or too shallow for a bead
     layer_means: tuple[float, ...] = ()  # m, mean error of the judged area after every layer
     layer_rms: tuple[float, ...] = ()  # m, RMS of the same error
     layers: int = 0
@@ -124,8 +129,8 @@ class LabResult:
 
     @property
     def in_tolerance(self) -> bool:
-        """Of the judged area."""
-        return self.verdict == 'in tolerance'
+        """Of the judged area; with finish machined: it cleans up."""
+        return self.verdict in ('in tolerance', 'cleans up')
 
     @property
     def mean_size(self) -> float:

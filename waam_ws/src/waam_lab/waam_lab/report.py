@@ -31,6 +31,7 @@ class Row:
     more_is_better: bool = False
 
 
+MACHINED = 'finish=machined'
 ROWS = (
     Row('rms', 'RMS height error'),
     Row('rms_edges', '... rim included'),
@@ -39,6 +40,10 @@ ROWS = (
     Row('largest', 'largest error (99.5 % of the cells)'),
     Row('mean_size', 'level, mean error'),
     Row('overrun', 'overrun over the sides, largest', 'mm', 1e3, 1),
+    Row('clean_share', 'needed area at or above nominal', '%', 100.0, 1, True),
+    Row('stock_mean', 'stock to machine, mean', 'mm', 1e3, 2),
+    Row('stock_high', '... 99 % of what was laid', 'mm', 1e3, 2),
+    Row('unlaid_share', 'needed area without metal', '%', 100.0, 1),
     Row('time', 'machine time', 's', 1.0, 0),
     Row('wire', 'wire', 'm', 1.0, 2),
 )
@@ -68,6 +73,11 @@ class Campaign:
             if r.anomalies or not r.failed:
                 return told + [f'seed {r.seed}: {text}' for text in dict.fromkeys(texts)]
         return told
+
+    @property
+    def word(self) -> str:
+        """What good jobs do."""
+        return 'clean up' if MACHINED in self.job.goal.plan_settings else 'in tolerance'
 
     @property
     def by(self) -> str:
@@ -215,7 +225,7 @@ def _verdict(c: Campaign) -> str:
     share = bands.in_tolerance(c.results)
     kind = 'ok' if share.value >= 0.95 else 'warn' if share.count else 'bad'
     chance = f'{share.low * 100:.0f} to {share.high * 100:.0f} %'
-    said = f'{share.count} of {share.of} jobs in tolerance'
+    said = f'{share.count} of {share.of} jobs {c.word}'
     small = f'of all such jobs: {chance} (95 % confidence)'
     return f'<div class="verdict {kind}">{escape(said)}<small>{escape(small)}</small></div>'
 

@@ -124,8 +124,15 @@ def test_the_setup_is_read_back_in_words():
     )
     assert setup.words == (
         'restore jaw.stl; er70s-6, closed loop; tolerance 0.2 mm; 3 layers; layer height 2 mm; '
-        'bead width as the material says; 1 pass; allowance 0 mm'
+        'bead width as the material says; 1 pass; finish as-laid; allowance 0 mm'
     )
+    machined = {'part': 'jaw.stl', 'finish': 'machined'}
+    assert parse(machined, MATERIALS).words.endswith(
+        'finish machined; allowance chosen by the forecast'
+    )
+    assert parse(machined | {'allowance_mm': 0.5}, MATERIALS).words.endswith('allowance 0.5 mm')
+    with pytest.raises(FormError, match='finish, allowance_mm: only to restore'):
+        parse(machined | {'mode': 'build'}, MATERIALS)
 
 
 def test_requests_of_the_page_are_read_alike_and_say_what_was_understood(panel):

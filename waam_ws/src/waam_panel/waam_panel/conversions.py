@@ -244,6 +244,7 @@ def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
         k_gain=setup.k_gain, tolerance=setup.tolerance_mm * 1e-3, scale=1e-3, jobs_dir=str(jobs_dir),
         operator_name=setup.operator_name, passes=setup.passes,
         allowance=setup.allowance_mm * 1e-3, notes=setup.notes,
+        plan_settings=[f'finish={setup.finish}'] if setup.mode == 'restore' else [],
     )  # fmt: skip
 
 

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from waam_plan.settings import FINISHES
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL
 
 from . import numbers
 
 MODES = ('restore', 'build')
+MACHINED = FINISHES[1]
 LOOP_MODE_LABELS = {
     LoopMode.CLOSED_LOOP: 'closed loop',
     LoopMode.MONITOR: 'monitor only',
@@ -41,6 +43,7 @@ class JobSetup:
     tolerance_mm: float = 0.2
     k_gain: float = math.nan
     passes: int = 1
+    finish: str = 'as-laid'
     allowance_mm: float = 0.0
     operator_name: str = ''
     wire_lot: str = ''
@@ -69,10 +72,20 @@ class JobSetup:
             f'bead width {width}',
         ]
         if self.mode == 'restore':
-            said += [_counted(self.passes, 'pass'), f'allowance {self.allowance_mm:g} mm']
+            said += [
+                _counted(self.passes, 'pass'),
+                f'finish {self.finish}',
+                f'allowance {self.allowance}',
+            ]
         if not math.isnan(self.k_gain):
             said.append(f'gain {self.k_gain:g}')
         return '; '.join(said)
+
+    @property
+    def allowance(self) -> str:
+        """In words."""
+        chosen = self.finish == MACHINED and not self.allowance_mm
+        return 'chosen by the forecast' if chosen else f'{self.allowance_mm:g} mm'
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: k_gain None instead of NaN."""
@@ -94,7 +107,7 @@ LIMITS = {  # 0 is allowed besides where 0 means 'default'
     'allowance_mm': (-1.0, 5.0),
 }
 DEFAULTED = ('layer_height_mm', 'bead_width_mm')
-CHOICES = {'mode': MODES, 'loop_mode': LOOP_MODES}
+CHOICES = {'mode': MODES, 'finish': FINISHES, 'loop_mode': LOOP_MODES}
 MAX_TEXT_LENGTH = 80
 
 
@@ -112,9 +125,11 @@ def parse(data: Mapping[str, Any], materials: tuple[str, ...]) -> JobSetup:
     if not problems and not values.get('part'):
         problems.append('part: choose one')
     if values.get('mode') == 'build' and (
-        values.get('passes', 1) > 1 or values.get('allowance_mm')
+        values.get('passes', 1) > 1
+        or values.get('allowance_mm')
+        or values.get('finish') == MACHINED
     ):
-        problems.append('passes, allowance_mm: only to restore')
+        problems.append('passes, finish, allowance_mm: only to restore')
     if problems:
         raise FormError('; '.join(problems))
     return JobSetup(**values)

@@ -26,14 +26,17 @@ class WorkError(RuntimeError):
 
 def plan_arguments(setup: JobSetup, part: Path, as_found: Path | None, out: Path) -> list[str]:
     """The command line of `waam plan` that plans as the job will: the material's layer, bead and speed."""
+    from waam_plan.finish import bead_width
     from waam_process.materials import get
 
     material = get(setup.material)
     height = setup.layer_height_mm or material.layer_height * 1e3
-    width = setup.bead_width_mm or material.bead_width * 1e3
+    width = setup.bead_width_mm or bead_width(material.bead_width, setup.finish) * 1e3
     arguments = ['plan', str(part), '--mode', setup.mode, '--layers', str(setup.layers)]
     arguments += ['--layer-height', f'{height:g}', '--bead-width', f'{width:g}']
     arguments += ['--speed', f'{material.speed * 1e3:g}', '--out', str(out)]
+    if setup.mode == 'restore':
+        arguments += ['--finish', setup.finish, '--set', f'allowance={setup.allowance_mm * 1e-3:g}']
     return arguments + (['--as-found', str(as_found)] if as_found else [])
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from waam_process.operating import GANTRY, MACHINES, ROBOT
 
 from . import cli_correct, cli_files, cli_program, cli_robot
-from .settings import ALTERNATIONS, STRATEGIES
+from .settings import ALTERNATIONS, FINISHES, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .mesh.inputs import Surfaces
@@ -148,6 +148,12 @@ def _add_layers(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument('--alternation', choices=ALTERNATIONS, help='from layer to layer')
     p.add_argument('--strategy', choices=STRATEGIES, help='how layers are filled, see below')
+    p.add_argument(
+        '--finish',
+        choices=FINISHES,
+        help='of a restoration; machined: nothing below nominal after machining, with the allowance for it (its own '
+        'choice, or --set allowance=M)',
+    )
     p.add_argument(
         '--levels', choices=('equal', 'adaptive'), help='heights of the layers of a build'
     )
@@ -301,6 +307,7 @@ def _restored(surfaces: Surfaces, args: argparse.Namespace, settings: PlanSettin
 
 def settings_from(args: argparse.Namespace) -> PlanSettings:
     """PlanSettings from the options; mm and mm/s become SI here."""
+    from waam_plan.finish import bead_width
     from waam_plan.settings import PlanSettings, assigned
 
     given: dict[str, Any] = {}
@@ -317,7 +324,9 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
         given['clamp'] = True
     given |= {
         k: getattr(args, k)
-        for k in ('direction', 'alternation', 'strategy', 'levels')
+        for k in ('direction', 'alternation', 'strategy', 'levels', 'finish')
         if getattr(args, k)
     }
-    return PlanSettings(**cli_robot.box(args) | given | assigned(args.set))
+    given |= assigned(args.set)
+    usual = {'bead_width': bead_width(PlanSettings.bead_width, str(given.get('finish', '')))}
+    return PlanSettings(**cli_robot.box(args) | usual | given)

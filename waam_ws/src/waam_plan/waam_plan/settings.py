@@ -15,6 +15,7 @@ ALTERNATIONS = ('none', 'reverse', 'cross', 'turn')
 OF_BUILDS = ('compensation_height', 'shrinkage')
 STRATEGIES = ('solid', 'shell', 'zigzag', 'contour', 'spiral', 'combined', 'medial')
 LEVELS = ('equal', 'adaptive')
+FINISHES = ('as-laid', 'machined')
 OVERHANGS = ('refuse', 'flag')
 JUDGED_RIM = 1.0e-3  # m along the edge of what was laid, not judged
 MAX_LAYER_RATIO = 1.4  # thickest layer over layer_height
@@ -34,6 +35,7 @@ _CHOICES = {
     'alternation': ALTERNATIONS,
     'strategy': STRATEGIES,
     'levels': LEVELS,
+    'finish': FINISHES,
     'overhang': OVERHANGS,
     'idle_law': IDLE_LAWS,
 }
@@ -67,7 +69,9 @@ class PlanSettings:
     finish_growth: float = within(
         1.0, 1.0, 2.0
     )  # thickness of a finishing layer over that of the one above it
-    allowance: float = within(0.0, -5e-3, 10e-3)  # metal wanted above nominal, for machining
+    finish: str = 'as-laid'  # of a restoration; machined: nothing below nominal after machining
+    # metal wanted above nominal, for machining; 0 with finish machined = chosen by the forecast
+    allowance: float = within(0.0, -5e-3, 10e-3)
     # a scan of which nearly all lies lower than this is not one of a worn part, but lies in another place
     wear_limit: float = within(15e-3, 1e-3, 1.0)
     smoothing: float = within(

@@ -47,6 +47,7 @@ FORM: Options = (  # `dest` is the field of the setup, after form_
     ('--bead-width', float, 'mm', 'MM', {'dest': 'form_bead_width_mm'}),
     ('--tolerance', float, 'mm', 'MM', {'dest': 'form_tolerance_mm'}),
     ('--k-gain', float, 'authority of the correction'), ('--passes', int, 'restore only'),
+    ('--finish', str, 'as-laid (default) or machined; restore only'),
     ('--allowance', float, 'mm, restore only', 'MM', {'dest': 'form_allowance_mm'}),
     ('--operator', str, 'who answers for the job', 'NAME', {'dest': 'form_operator_name'}),
     ('--wire-lot', str, 'from the spool'), ('--gas', str, 'kind, bottle'),

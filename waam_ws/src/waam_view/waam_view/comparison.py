@@ -12,7 +12,7 @@ from waam_process.loop_mode import LoopMode
 from waam_process.operating import GANTRY, ROBOT
 
 from . import figures, robot_picture
-from .html import cards, duration, escape, fmt, page, picture, table
+from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
 from .outcome import outcome
@@ -60,9 +60,7 @@ def ratio(report: dict, jobs: list[Job]) -> float:
 def _verdict(report: dict, jobs: list[Job]) -> str:
     verdict = str(report.get('verdict') or 'unknown')
     word = verdict.partition(': ')[0]
-    style = {'in tolerance': 'ok', 'out of tolerance': 'warn', 'not judged': 'warn'}.get(
-        word, 'bad'
-    )
+    style = VERDICTS.get(word, 'bad')
     each = '; '.join(
         f'{j.loop_mode.replace("_", " ")}: {j.run.get("verdict", "unknown")}'
         + (f' ({j.run["message"]})' if j.run.get('message') and j.run.get('error_code') else '')

@@ -97,6 +97,27 @@ def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '')
     return png(figure)
 
 
+def stock_map(scan: Scan) -> bytes:
+    """What is to be machined off after the last scan, which has the needed area."""
+    stock, needed = scan.final_error * 1e3, scan.maps['needed'].astype(bool)
+    high = max(0.1, float(np.nanquantile(stock, 0.99))) if np.isfinite(stock).any() else 1.0
+    figure = new_figure(9.0, min(7.0, max(2.6, 7.8 * _aspect(scan) + 1.0)))
+    axes = figure.add_subplot()
+    image = axes.imshow(
+        stock, origin='lower', extent=scan.extent_mm, cmap='YlOrBr', vmin=0, vmax=high
+    )
+    _outline(axes, scan, needed & (np.nan_to_num(stock, nan=-1.0) < 0), '#111111', linewidths=1.0)
+    _outline(axes, scan, needed, GREEN, linewidths=1.2, linestyles='--')
+    x0, x1, y0, y1 = _window(scan)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1))
+    figure.colorbar(image, ax=axes, extend='max', fraction=0.05, pad=0.015).set_label(
+        'stock, mm', fontsize=9
+    )
+    axes.set_xlabel('x, mm', fontsize=9)
+    axes.set_ylabel('y, mm', fontsize=9)
+    return png(figure)
+
+
 def _columns(scan: Scan) -> int:
     return 3 if _aspect(scan) < 0.7 else 4
 

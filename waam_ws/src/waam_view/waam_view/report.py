@@ -21,7 +21,7 @@ from waam_process.safe_files import is_file
 
 from . import figures
 from .comparison import comparison_page, machines
-from .html import cards, duration, escape, fmt, page, picture, table
+from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report, run_folder
 from .layer_tables import layers_section
 from .loop_summary import loop_summary
@@ -67,6 +67,7 @@ def job_page(job: Job, machines: str = '') -> str:
         verdict_box(job),
         _figures_of_merit(job),
         loop_summary(job),
+        _stock(job),
         _maps(job),
         machines,
         positioner_section(job),
@@ -101,14 +102,17 @@ def verdict_box(job: Job) -> str:
     run = job.run
     verdict = str(run.get('verdict') or job.report.get('verdict') or 'unknown')
     word, _, why = verdict.partition(': ')
-    style = {'in tolerance': 'ok', 'out of tolerance': 'warn', 'not judged': 'warn'}.get(
-        word, 'bad'
-    )
+    style = VERDICTS.get(word, 'bad')
     share = number(run.get('share_in_tolerance'))
     said = []
-    if np.isfinite(share) and '%' not in str(run.get('message')):
+    if np.isfinite(share) and '%' not in str(run.get('message')) and not run.get('stock'):
         said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
-    if run.get('verdict_with_rim') and not why and not run.get('error_code'):
+    if (
+        run.get('verdict_with_rim')
+        and not run.get('stock')
+        and not why
+        and not run.get('error_code')
+    ):
         rim = 100 * number(run.get('share_all_in_tolerance'))
         said.append(f'with the rim {rim:.1f} %: {run["verdict_with_rim"]}')
     if run.get('error_code'):
@@ -145,11 +149,47 @@ def _figures_of_merit(job: Job) -> str:
     )
 
 
+def mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
 def cost_label(run: dict[str, Any]) -> str:
     """Reports of older jobs do not say what their cost counts."""
     if run.get('cost_terms') == ['height']:
         return 'cost J (eq 2.4), heights only: the material has no set current'
     return 'cost J (eq 2.4)'
+
+
+def _stock(job: Job) -> str:
+    """What is to be machined off, and what of the needed area got no metal; '' when neither is known."""
+    stock, left = (mapping(job.run.get(k)) for k in ('stock', 'unlaid'))
+    out = []
+    if stock:
+        facts = [
+            (
+                fmt(100 * number(stock.get('share')), 2, '%'),
+                'of the needed area at or above nominal',
+            ),
+            (fmt(stock.get('mean_mm'), 2, 'mm'), 'to machine, mean'),
+            (fmt(stock.get('high_mm'), 2, 'mm'), 'to machine, 99 % of what was laid'),
+            (fmt(stock.get('volume_cm3'), 1, 'cm3'), 'to machine, volume'),
+            (fmt(stock.get('below_mm'), 2, 'mm'), 'lowest place below nominal'),
+        ]
+        out += ['<h2>Stock to remove</h2>', cards(facts)]
+        if job.scans and 'needed' in job.scans[-1].maps:
+            said = (
+                'Black: below nominal. Dashed: the needed area. Cell by cell: '
+                f'{job_folder.STOCK_MAP}; the surface as laid: {job_folder.AS_LAID}.'
+            )
+            out.append(picture(figures.stock_map(job.scans[-1]), said))
+    if number(left.get('area_mm2')) > 0:
+        place = f'x = {fmt(left.get("x_mm"), 1)} mm, y = {fmt(left.get("y_mm"), 1)} mm'
+        out.append(
+            f'<p><b>No metal was laid</b> on {fmt(left.get("area_mm2"), 0, "mm2")} '
+            f'({fmt(100 * number(left.get("share")), 1, "%")}) of the needed area, too narrow or too shallow '
+            f'for a bead: up to {fmt(left.get("depth_mm"), 2, "mm")} deep at {place}.</p>'
+        )
+    return '\n'.join(out)
 
 
 def _maps(job: Job) -> str:

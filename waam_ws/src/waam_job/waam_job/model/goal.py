@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from waam_plan import finish
 from waam_plan.import_gcode import place
 from waam_plan.import_gcode.dialect import DialectError
 from waam_plan.import_gcode.files import load_program
@@ -124,9 +125,11 @@ class JobGoal:
 
 def planner_fields(goal: JobGoal, material: Material) -> dict[str, Any]:
     """Fields of PlanSettings that goal and material decide. Raises SettingsError."""
+    own = assigned(goal.plan_settings, GIVEN)
+    usual = finish.bead_width(material.bead_width, str(own.get('finish', '')))
     return {
         'layer_height': goal.layer_height or material.layer_height,
-        'bead_width': goal.bead_width or material.bead_width,
+        'bead_width': goal.bead_width or usual,
         'speed': material.speed,
         'allowance': goal.allowance,
         'tolerance': goal.tolerance,
@@ -136,7 +139,7 @@ def planner_fields(goal: JobGoal, material: Material) -> dict[str, Any]:
         'efficiency': material.efficiency,
         'voltage': material.voltage,
         'arc_efficiency': material.arc_efficiency,
-        **assigned(goal.plan_settings, GIVEN),
+        **own,
     }
 
 
@@ -179,7 +182,9 @@ def field_problems(goal: JobGoal) -> list[str]:
             problems.append(f"note '{note}' is not of the form key=value")
     problems += _program_problems(goal)
     try:
-        assigned(goal.plan_settings, GIVEN)
+        own = assigned(goal.plan_settings, GIVEN)
+        if own.get('finish') == finish.MACHINED and (goal.mode == 'build' or goal.program):
+            problems.append('finish machined belongs to a part that is restored')
     except SettingsError as e:
         problems.append(str(e))
     return [p for p in problems if p]

@@ -40,6 +40,8 @@ def run_summary(
         'share_all_in_tolerance': found.share_all,
         'overrun_mm': {'mean': verdict.overrun.mean * 1e3, 'max': verdict.overrun.max * 1e3},
         'as_found_rms_mm': verdict.as_found_rms * 1e3,
+        'stock': verdict.stock.facts() if verdict.stock else None,
+        'unlaid': _unlaid(verdict),
         'verdict': verdict.word,
         'verdict_with_rim': verdict.word_all,
         'tolerance_map': verdict.tolerance_map,
@@ -61,6 +63,14 @@ def run_summary(
         'passes': [asdict(p) for p in passes],
         'folder': '.',
     }
+
+
+def _unlaid(verdict: Verdict) -> dict[str, float] | None:
+    left = verdict.unlaid
+    if left is None:
+        return None
+    lengths = {f'{n}_mm': getattr(left, n) * 1e3 for n in ('depth', 'x', 'y')}
+    return {'area_mm2': left.area * 1e6, 'share': left.share, **lengths}
 
 
 def _deposition(wire: float, arc_time: float, material: Material) -> float | None:

@@ -1,12 +1,16 @@
-"""The verdict of the last scan on the whole job: in tolerance, out of tolerance, not judged, or failed."""
+"""The verdict of the last scan on the whole job: in tolerance, out of tolerance, not judged, or failed;
+with finish machined cleans up or does not clean up."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from waam_plan.finish import Unlaid
+
 from .geometry import Deviation
 from .overrun import Overrun
+from .stock import Stock
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,8 @@ class Verdict:
     as_found_rms: float = math.nan  # m, of the surface before the job
     tolerance_map: dict | None = None  # counts of tolerance_map.csv
     overrun: Overrun = Overrun()
+    stock: Stock | None = None  # of a job with finish machined
+    unlaid: Unlaid | None = None  # of a restoration
 
     @property
     def not_judged(self) -> str:
@@ -28,6 +34,13 @@ class Verdict:
         if not self.final.cells:
             return 'all of the region belongs to its rim'
         return 'the last scan has seen nothing of the judged area'
+
+    @property
+    def good(self) -> bool:
+        """Cleans up, with finish machined; else in tolerance."""
+        if self.stock is None or self.final is None or self.not_judged:
+            return self.in_tolerance
+        return self.stock.cleans_up
 
     @property
     def in_tolerance(self) -> bool:
@@ -56,6 +69,8 @@ class Verdict:
             return 'failed'
         if self.not_judged:
             return f'not judged: {self.not_judged}'
+        if self.stock is not None:
+            return 'cleans up' if self.stock.cleans_up else 'does not clean up'
         return 'in tolerance' if good else 'out of tolerance'
 
     @property
@@ -66,7 +81,12 @@ class Verdict:
         rms, share = self.final.rms * 1e3, self.final.share_in_tolerance * 100
         within = f'{share:.1f} % of the judged area within +-{self.tolerance * 1e3:.2f} mm'
         all_of_it = f'{self.final.rms_all * 1e3:.3f} mm, {self.final.share_all * 100:.1f} %'
-        text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
+        if self.stock is not None:
+            text = f'{self.word}: {self.stock.text}; RMS from what was aimed at {rms:.3f} mm'
+        else:
+            text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
         if math.isfinite(self.overrun.max):
             text += f'; {self.overrun.max * 1e3:.1f} mm over the sides'
+        if self.unlaid is not None and self.unlaid.area:
+            text += f'; {self.unlaid.text}'
         return text

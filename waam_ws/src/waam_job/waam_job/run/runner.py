@@ -137,5 +137,5 @@ class JobRunner:
 
     @property
     def in_tolerance(self) -> bool:
-        """Verdict of the finished job; False before."""
-        return self.verdict.in_tolerance
+        """Verdict of the finished job (finish machined: it cleans up); False before."""
+        return self.verdict.good

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from waam_plan import finish
+from waam_plan.plan import Plan
+
 from ..model.cell import Scan
 from ..model.overrun import overrun
 from ..model.program import deviation_of
 from ..model.records import LayerRecord
+from ..model.stock import needed_area, stock_of
 from ..model.verdict import Verdict
-from ..store import tolerance_map
+from ..store import stock_files, tolerance_map
 from .context import JobContext
 
 
@@ -18,7 +22,6 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
     first, goal, journal = context.program.first, context.goal, context.journal
     target = first.final_target
     journal.scan(context.program.layers[-1].number, scan, first, target)
-    _report_last_layer(context, scan, (scan.map.z - target)[first.interior])
     wanted = np.isfinite(target)
     counts = tolerance_map.write(
         journal.folder.path,
@@ -28,7 +31,10 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
         interior=first.interior & wanted,
         tolerance=goal.tolerance,
     )
-    return Verdict(
+    machined = first.settings.finish == finish.MACHINED
+    if machined:
+        stock_files.write(journal.folder.path, first, scan.map.z)
+    verdict = Verdict(
         share_wanted=context.settings.share_in_tolerance,
         tolerance=goal.tolerance,
         final=deviation_of(first, scan.map.z, target, goal.tolerance),
@@ -41,11 +47,23 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
             first.region & wanted,
             first.spec.resolution,
         ),
+        stock=stock_of(first, scan.map.z) if machined else None,
+        unlaid=_unlaid(first) if first.mode == 'restore' else None,
     )
+    told = [verdict.text] if machined else []
+    _report_last_layer(context, scan, (scan.map.z - target)[first.interior], told)
+    return verdict
 
 
-def _report_last_layer(context: JobContext, scan: Scan, errors: np.ndarray) -> None:
-    """The layer report of the final surface; errors: of the judged area, m."""
+def _unlaid(first: Plan) -> finish.Unlaid:
+    missing = first.nominal.z - first.as_found.z
+    return finish.unlaid(needed_area(first), first.region, missing, first.spec)
+
+
+def _report_last_layer(
+    context: JobContext, scan: Scan, errors: np.ndarray, told: list[str]
+) -> None:
+    """The layer report of the final surface; errors: of the judged area, m; told: remarks."""
     program, journal = context.program, context.journal
     record = LayerRecord(
         job_id=context.run_id,
@@ -55,6 +73,7 @@ def _report_last_layer(context: JobContext, scan: Scan, errors: np.ndarray) -> N
         final=True,
         temperature=context.cell.heat().temperature,
     )
+    record.reasons += told
     record.add_errors(errors)
     record.add_scan(scan)
     journal.layer(record)

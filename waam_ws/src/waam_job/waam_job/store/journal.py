@@ -23,6 +23,7 @@ from ..model.cell import Cell, Correction, Scan
 from ..model.goal import JobGoal
 from ..model.program import PassRecord
 from ..model.records import AnomalyRecord, LayerRecord, State, Status
+from ..model.stock import needed_area
 from ..model.summary import run_summary
 from ..model.verdict import Verdict
 from . import checkpoint as checkpoints
@@ -281,6 +282,8 @@ class Journal:
         if following and following.correction is not None:
             for name in ('psi', 'confidence', 'residual_height'):
                 maps[name] = getattr(following.correction, name)
+        if following is None:
+            maps['needed'] = needed_area(plan)
         if following:
             maps |= {'asked': following.asked, 'feed_factor': np.array(following.feed_factor)}
         self.folder.write_map(number, scan.map.spec, **maps)

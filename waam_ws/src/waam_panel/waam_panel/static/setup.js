@@ -2,7 +2,7 @@
 import { $, bindUpload, fill, get, post, text } from './api.js';
 import { limit, readFields } from './numbers.js';
 
-const WORDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'operator_name', 'wire_lot', 'gas', 'name'];
+const WORDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'finish', 'operator_name', 'wire_lot', 'gas', 'name'];
 const NUMBERS = ['layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm'];
 let simulated = false;
 

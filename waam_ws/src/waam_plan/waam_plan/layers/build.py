@@ -43,6 +43,8 @@ def plan_build(
     """
     if layers < 0:
         raise PlanError(f'layers is {layers}, must be 0 (all) or a positive number')
+    if settings.finish != PlanSettings.finish:
+        raise PlanError(f'finish {settings.finish}: only a restoration knows this')
     _check_mesh(part, settings)
     warnings: list[str] = []
     remarks: list[str] = []

@@ -8,17 +8,18 @@ wherever the number of layers changes.) How thick the layers are: `schedule`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan import agreement, masks
+from waam_plan import agreement, finish, masks
 from waam_plan.fill import strategies
 from waam_plan.fill.linking import StartsBelow, arc_starts, near_starts
 from waam_plan.layers import sides
 from waam_plan.layers.layer import LayerTask, lay
 from waam_plan.layers.layout import best, most_even
-from waam_plan.layers.schedule import Schedule, choose_schedule, layer_count
+from waam_plan.layers.schedule import Schedule, choose_schedule, finish_height, layer_count
 from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
 from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_plan.slice.section import outline
@@ -48,10 +49,15 @@ def plan_restoration(
     if only := settings.of_builds():
         raise PlanError(f'{", ".join(only)}: only a build knows this, a restoration does not')
     warnings: list[str] = []
-    wanted = nominal.z + settings.allowance
     found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
+    needed = finish.needed_area(HeightGrid(nominal.spec, found), nominal)
+    settings, above, remarks = _finished(needed, nominal, settings)
+    wanted = nominal.z + above
     depth = wanted - smooth
+    if settings.finish == finish.MACHINED:
+        cells = math.ceil(finish.RUN_OUT * settings.bead_width / nominal.spec.resolution)
+        depth = np.where(finish.with_run_out(needed, nominal.z, cells), depth, 0.0 * depth)
     schedule = choose_schedule(depth, settings)
     count = layer_count(depth, schedule, settings, nominal.spec.resolution)
     total = int(count.max(initial=0))
@@ -69,6 +75,9 @@ def plan_restoration(
     region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
     res = nominal.spec.resolution
     _warn(job, planned, use == total, nominal, warnings)
+    left = finish.unlaid(needed, region, nominal.z - found, nominal.spec)
+    if left.area > SPOT:
+        warnings.append(left.text)
     starts = [below, *(arc_starts(p.segments) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
     plan = Plan(
@@ -82,7 +91,7 @@ def plan_restoration(
         safe_z,
         settings,
         warnings=warnings,
-        remarks=_remarks(schedule, filled, settings),
+        remarks=[*_remarks(schedule, filled, settings), *remarks],
     )
     check_reach([s for layer in planned for s in layer.segments], settings)
     return plan
@@ -106,6 +115,24 @@ def _known_surface(
             f'{share:.1%} of the part was not seen by the scan, {place}; filled from neighbours'
         )
     return np.where(part, masks.fill_unknown(as_found.z), np.nan)
+
+
+def _finished(
+    needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings
+) -> tuple[PlanSettings, np.ndarray | float, list[str]]:
+    """Settings with what a machined finish needs, metal wanted above nominal (m), and what is said of it."""
+    if settings.finish != finish.MACHINED:
+        return settings, settings.allowance, []
+    ahead = finish.forecast(finish_height(settings) or settings.layer_height)
+    more = finish.along_sides(needed, nominal)
+    given = settings.allowance != 0
+    allowance = settings.allowance if given else ahead.allowance
+    above = allowance + (0.0 if given else more)
+    return (
+        finish.for_machining(settings, allowance),
+        above,
+        [ahead.text(allowance, given, more.any())],
+    )
 
 
 def _smooth(found: np.ndarray, nominal: HeightGrid, settings: PlanSettings) -> np.ndarray:
@@ -169,7 +196,7 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> tuple[P
     under = np.where(first, job.smooth, wanted - schedule.offset(k + 1))
     soft = masks.blur(under, on, settings.bead_width / 4 / spec.resolution)
     turn = number + job.laid
-    cover = sides.of_mask(on, first, np.isnan(wanted), spec, settings)
+    cover = sides.of_mask(on, first, _free(job, on), spec, settings)
     task = LayerTask(
         number=number,
         turn=turn,
@@ -187,6 +214,15 @@ def _layer(job: _Restoration, number: int, k: int, below: np.ndarray) -> tuple[P
     laid = [_laid(task, cover, below, job.safe_z, spec, f) for f in fillings]
     chosen = best(laid, spec, settings)
     return laid[chosen], fillings[chosen].strategy
+
+
+def _free(job: _Restoration, on: np.ndarray) -> np.ndarray:
+    """Cells (rows, cols) bool beside a layer that its beads may run over: those beside the part, and for a machined
+    finish lower ground."""
+    free = np.isnan(job.wanted)
+    if job.settings.finish == finish.MACHINED:
+        free |= finish.free_sides(on, job.wanted)
+    return free
 
 
 def _laid(

@@ -31,6 +31,20 @@ def read_stl(data: bytes) -> tuple[np.ndarray, list[str]]:
     return _text(text_of(data))
 
 
+def stl_of(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> bytes:
+    """Binary STL of heights z (rows, cols) at x (cols), y (rows), all in units of the file; open where z is NaN."""
+    points = np.stack([*np.meshgrid(x, y), z], axis=2).astype('<f4')
+    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]
+    corners = np.concatenate(
+        [np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))]
+    )
+    facets = np.zeros(int(np.isfinite(corners).all(axis=(1, 2)).sum()), _KIND)
+    facets['corners'] = kept = corners[np.isfinite(corners).all(axis=(1, 2))]
+    normal = np.cross(kept[:, 1] - kept[:, 0], kept[:, 2] - kept[:, 0])
+    facets['normal'] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    return bytes(80) + len(facets).to_bytes(4, 'little') + facets.tobytes()
+
+
 def _is_text(data: bytes) -> bool:
     """Text begins with 'solid' and holds no zero bytes; many binary files begin with 'solid', too."""
     head = text_of(data[:2048])

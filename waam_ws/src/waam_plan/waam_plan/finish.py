@@ -1,0 +1,149 @@
+"""What of a part needs metal, what of that a plan leaves out, and the machining allowance: how much is laid on top of
+the nominal surface so that nothing is below it after machining. Pure; lengths in m, maps (rows, cols).
+
+The lowest places decide. The lowest 0.5 % of the needed area lie some RMS errors below the surface that was aimed at,
+and lower still along free sides, where melt runs down; how deep scatters log-normally from job to job.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+from scipy.stats import norm
+
+from waam_plan import masks
+from waam_plan.settings import FINISHES, PlanSettings
+from waam_process.grid import GridSpec, HeightGrid
+
+AS_LAID, MACHINED = FINISHES
+NEED = 0.1e-3  # m, less is the noise and the level of a scan
+NARROWEST = (
+    1.0  # cells, half of the narrowest needed place: a wall that lies a cell aside is no metal
+)
+SHARE = 0.995  # of the needed area that must be at or above nominal to clean up
+CHANCE = 0.95  # with which the chosen allowance cleans up
+RUN_OUT = 0.5  # bead widths that metal is laid beyond the needed area, over what stands there
+STEP = 1.0e-3  # m between neighbouring cells: run-outs end there, and lower ground beyond one is a free side
+OVER_SIDES = 2.2e-3  # m that metal is laid over free sides at least
+NARROW = 5 / 6  # of the usual bead width: narrower beads leave shallower valleys
+RELATIVE_RMS = 0.16  # RMS error over the thickness of the last layer, on the preset `recorded`
+TAIL = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
+SPREAD = 0.25  # standard deviation of the logarithm of that depth
+SIDES = 0.6e-3  # m more along free sides, where melt runs down; fades out within
+REACH = 3.0e-3  # m of them
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """How deep (m) the lowest 0.5 % of the needed area will lie below the surface that is aimed at."""
+
+    depth: float  # median over jobs
+
+    def chance(self, allowance: float) -> float:
+        """Probability that the part cleans up with so much (m) laid on top of nominal."""
+        if allowance <= 0:
+            return 0.0
+        return float(norm.cdf(math.log(allowance / self.depth) / SPREAD))
+
+    @property
+    def allowance(self) -> float:
+        """The smallest one, m in hundredths of a millimetre, that cleans up with CHANCE."""
+        return math.ceil(self.depth * math.exp(SPREAD * norm.ppf(CHANCE)) * 1e5) * 1e-5
+
+    def text(self, allowance: float, given: bool, sides: bool) -> str:
+        """For a person. given: by them; sides: whether some of the needed area lies along free sides."""
+        said = f'machining allowance {allowance * 1e3:.2f} mm, {"as given" if given else "chosen"}'
+        if sides and not given:
+            said += f', {SIDES * 1e3:.1f} mm more along free sides'
+        said += (
+            f': inside the part {SHARE:.1%} clean up with a chance of {self.chance(allowance):.0%}'
+        )
+        return f'{said} ({self.allowance * 1e3:.2f} mm for {CHANCE:.0%})' if given else said
+
+
+def forecast(last_layer: float) -> Forecast:
+    """last_layer: its thickness, m."""
+    return Forecast(TAIL * RELATIVE_RMS * last_layer)
+
+
+def along_sides(needed: np.ndarray, nominal: HeightGrid) -> np.ndarray:
+    """m of metal more than the allowance: SIDES at a straight free side of the needed area, half as much again at a
+    corner, fading out within REACH."""
+    free = free_sides(needed, nominal.z)
+    near = ndimage.gaussian_filter(free * 1.0, REACH / 2 / nominal.spec.resolution, mode='nearest')
+    return 2.0 * SIDES * near
+
+
+@dataclass(frozen=True)
+class Unlaid:
+    """The part of the needed area that gets no metal: too narrow or too shallow for a bead."""
+
+    area: float  # m2
+    share: float  # of the needed area
+    depth: float  # m, greatest
+    x: float  # m, of the greatest depth
+    y: float
+
+    @property
+    def text(self) -> str:
+        """For a person; '' when all is laid."""
+        if not self.area:
+            return ''
+        return (
+            f'{self.area * 1e6:.0f} mm2 ({self.share:.1%} of the needed area) get no metal, too narrow or too shallow '
+            f'for a bead: up to {self.depth * 1e3:.2f} mm deep at x = {self.x * 1e3:.1f} mm, y = {self.y * 1e3:.1f} mm'
+        )
+
+
+def needed_area(found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
+    """bool: where metal is missing, whether or not a bead can lay it. NaN: not seen (as its neighbours), off the part.
+
+    Not steep faces, where a height says nothing, and not what is narrower than NARROWEST.
+    """
+    missing = np.nan_to_num(nominal.z - masks.fill_unknown(found.z), nan=0.0) > NEED
+    return masks.drop_slivers(missing, NARROWEST) & ~masks.flanks(
+        nominal.z, nominal.spec.resolution
+    )
+
+
+def unlaid(needed: np.ndarray, region: np.ndarray, missing: np.ndarray, spec: GridSpec) -> Unlaid:
+    """needed, region: bool, what needs and what gets metal; missing: m of metal."""
+    out = needed & ~region
+    if not out.any():
+        return Unlaid(0.0, 0.0, 0.0, math.nan, math.nan)
+    depth = np.where(out, np.nan_to_num(missing, nan=0.0), -np.inf)
+    row, col = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    area = float(out.sum()) * spec.resolution**2
+    x, y = float(spec.x[col]), float(spec.y[row])
+    return Unlaid(area, float(out.sum() / needed.sum()), float(depth[row, col]), x, y)
+
+
+def with_run_out(needed: np.ndarray, nominal: np.ndarray, cells: int) -> np.ndarray:
+    """bool: the needed area and what lies within so many cells of it on the same face of the part (nominal, m)."""
+    out = needed.copy()
+    for _ in range(cells):
+        for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            rise = np.abs(nominal - np.roll(nominal, step, axis))  # NaN beside the part
+            out |= np.roll(out, step, axis) & (rise < STEP)
+    return out
+
+
+def free_sides(on: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+    """bool: cells off the part (nominal, m, NaN) or lower on it that begin beside `on` with more than STEP."""
+    near = masks.spread(np.where(on, nominal, 0.0), on, np.ones_like(on))
+    lower = ~on & ~(near - nominal <= STEP)
+    free: np.ndarray = ndimage.binary_propagation(lower & ndimage.binary_dilation(on), mask=lower)
+    return free
+
+
+def for_machining(settings: PlanSettings, allowance: float) -> PlanSettings:
+    """Settings of a restoration that is machined afterwards. allowance: m."""
+    return replace(settings, allowance=allowance, overrun=max(settings.overrun, OVER_SIDES))
+
+
+def bead_width(usual: float, finish: str) -> float:
+    """m, of a job that does not say it; usual: of the material, m."""
+    return usual * NARROW if finish == MACHINED else usual
