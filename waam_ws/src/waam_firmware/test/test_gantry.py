@@ -8,7 +8,7 @@ from shaper_machine import Machine
 
 FACTORY = (
     '$C envelope_x=400 envelope_y=300 envelope_z=200 max_speed_x=200 max_speed_y=200 max_speed_z=100 rapid_speed=50 '
-    'max_accel_z=300 home_direction_x=-1 home_direction_y=-1'
+    'max_accel_z=300 home_direction_x=-1 home_direction_y=-1 steps_per_mm_x=320 steps_per_mm_y=320 steps_per_mm_z=320'
 )
 LARGE = {
     'steps_per_mm_x': 150, 'steps_per_mm_y': 150, 'envelope_x': 3000, 'envelope_y': 3000, 'envelope_z': 2000,
@@ -22,7 +22,8 @@ def test_the_settings_show_and_survive_a_reset():
     m = Machine(home=False, **LARGE)
     shown = (
         '$C envelope_x=3000 envelope_y=3000 envelope_z=2000 max_speed_x=500 max_speed_y=500 max_speed_z=100 '
-        'rapid_speed=500 max_accel_z=100.5 home_direction_x=-1 home_direction_y=1'
+        'rapid_speed=500 max_accel_z=100.5 home_direction_x=-1 home_direction_y=1 steps_per_mm_x=150 steps_per_mm_y=150 '
+        'steps_per_mm_z=320'
     )
     assert m.ask('$C') == shown
     assert m.ask('$X') == '$X ok' and m.ask('$C') == shown

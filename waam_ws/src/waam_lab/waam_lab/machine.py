@@ -63,7 +63,8 @@ class Machine:
         self.until(lambda: self.bridge.connected, CONNECT_LIMIT)
         if not self.bridge.connected:
             raise RuntimeError(f'no controller: {self.bridge.link.failed or self.bridge.message}')
-        self.until(lambda: self.bridge.standoff.settled, CONNECT_LIMIT)
+        settling = (self.bridge.standoff, self.bridge.gantry)
+        self.until(lambda: all(s.settled for s in settling), CONNECT_LIMIT)
 
     def until(self, done: Callable[[], bool], limit: float) -> bool:
         """Lets time pass until `done`, at most `limit` s. Returns whether it became true."""

@@ -166,6 +166,7 @@ void waam_order_configure(waam_request_t *r)
 {
     if (waam_at_end(&r->args)) {
         waam_request_settings(r, waam_gantry_settings, waam_gantry_settings_count, &r->core->config);
+        waam_request_settings(r, waam_scale_settings, WAAM_AXES, &r->core->config);
         return;
     }
     const name_t name = read_name(r);
