@@ -22,7 +22,7 @@ PULSES = 77_000.0
 
 
 class Large(FakeCore):
-    """A controller that takes them as docs/link_protocol.md says. `deaf`: settings that it confirms and does not keep."""
+    """A controller as in docs/link_protocol.md. `deaf`: settings that it confirms and does not keep."""
 
     def __init__(self, *deaf: str) -> None:
         super().__init__()
@@ -85,14 +85,21 @@ def test_nothing_homes_and_no_job_is_armed_before_both_agree():
     cell.until(lambda: cell.bridge.connected)
     for code, text in ((commands.HOME, ''), (commands.ARM, 'j')):
         got = cell.send(code, text)
-        assert got[0][0] == requests.WRONG_STATE and 'gantry are not in the controller yet' in got[0][1]
+        assert (
+            got[0][0] == requests.WRONG_STATE
+            and 'gantry are not in the controller yet' in got[0][1]
+        )
 
 
 @pytest.mark.parametrize(
     ('fake', 'params', 'why'),
     [
         (Large('envelope_y'), LARGE, 'the controller has envelope_y 300, the parameters say 3000'),
-        (Large(), {'max_speed_x': 0.5}, 'setting max_speed_x of the gantry: controller: E105 max_speed_x'),
+        (
+            Large(),
+            {'max_speed_x': 0.5},
+            'setting max_speed_x of the gantry: controller: E105 max_speed_x',
+        ),
         (FakeCore(), LARGE, "the controller does not tell the gantry's settings"),
     ],
 )
@@ -140,11 +147,15 @@ def test_no_order_of_steps_and_speed_is_refused_on_the_way(has_steps, has_speed,
 
 
 def test_units_are_those_of_the_controller():
-    got = wanted(from_dict(BridgeParams, {'envelope_z': 2.0, 'max_accel_z': 0.1, 'home_direction_x': -1}))
+    got = wanted(
+        from_dict(BridgeParams, {'envelope_z': 2.0, 'max_accel_z': 0.1, 'home_direction_x': -1})
+    )
     assert got == {'envelope_z': 2000.0, 'max_accel_z': 100.0, 'home_direction_x': -1.0}
 
 
-@pytest.mark.parametrize('values', [{'envelope_x': 4.0}, {'max_speed_y': 0.6}, {'home_direction_x': 2}])
+@pytest.mark.parametrize(
+    'values', [{'envelope_x': 4.0}, {'max_speed_y': 0.6}, {'home_direction_x': 2}]
+)
 def test_a_parameter_that_no_gantry_has_is_refused_by_name(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         from_dict(BridgeParams, values)

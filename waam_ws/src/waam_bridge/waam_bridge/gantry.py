@@ -96,7 +96,9 @@ class Gantry:
                 return
             self._asked = False
             if code == requests.REFUSED and NOT_NOW not in text:
-                what = f'setting {left[0][0]} of the gantry' if left else 'the settings of the gantry'
+                what = (
+                    f'setting {left[0][0]} of the gantry' if left else 'the settings of the gantry'
+                )
                 self._refuse(machine, f'{what}: {text}')
             elif code == requests.OK and left:
                 self._left = left[1:]

@@ -84,7 +84,11 @@ class BridgeParams:
         0.5,
     )
     home_direction_x: int = param(
-        0, "-1: home switch at the axis' lower end, 1: at the upper; 0 = as in the controller", '', -1, 1
+        0,
+        "-1: home switch at the axis' lower end, 1: at the upper; 0 = as in the controller",
+        '',
+        -1,
+        1,
     )
     home_direction_y: int = param(0, 'of this axis', '', -1, 1)
     steps_per_mm_x: float = param(

@@ -1,5 +1,5 @@
-"""Envelope, greatest speeds, acceleration of Z and homing: told by `$C`, shown by `$C` alone, within what can be stepped.
-What moves under them: gantry_properties.c."""
+"""Envelope, greatest speeds, acceleration of Z and homing: told by `$C`, shown by `$C` alone, within what can be
+stepped. What moves under them: gantry_properties.c."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def test_the_settings_show_and_survive_a_reset():
     m = Machine(home=False, **LARGE)
     shown = (
         '$C envelope_x=3000 envelope_y=3000 envelope_z=2000 max_speed_x=500 max_speed_y=500 max_speed_z=100 '
-        'rapid_speed=500 max_accel_z=100.5 home_direction_x=-1 home_direction_y=1 steps_per_mm_x=150 steps_per_mm_y=150 '
-        'steps_per_mm_z=320'
+        'rapid_speed=500 max_accel_z=100.5 home_direction_x=-1 home_direction_y=1 '
+        'steps_per_mm_x=150 steps_per_mm_y=150 steps_per_mm_z=320'
     )
     assert m.ask('$C') == shown
     assert m.ask('$X') == '$X ok' and m.ask('$C') == shown
@@ -64,8 +64,14 @@ def test_more_steps_than_the_new_speed_has_pulses_for_are_refused():
 
 @pytest.mark.parametrize(
     ('setting', 'homed'),
-    [('envelope_y 299', 0), ('home_direction_x 1', 0), ('max_speed_x 20', 8), ('rapid_speed 40', 8), ('max_accel_z 200', 8)],
-)  # fmt: skip
+    [
+        ('envelope_y 299', 0),
+        ('home_direction_x 1', 0),
+        ('max_speed_x 20', 8),
+        ('rapid_speed 40', 8),
+        ('max_accel_z 200', 8),
+    ],
+)
 def test_another_envelope_or_way_of_homing_loses_homing(setting, homed):
     m = Machine()
     before = m.place()
