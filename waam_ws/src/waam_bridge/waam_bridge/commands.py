@@ -11,6 +11,7 @@ from waam_process.units import to_mm, to_mm_min
 
 from . import frames, requests
 from .core import Bridge
+from .gantry import NAMES, STEPS
 from .pending import Reply
 from .program import number
 from .standoff import OF_SOURCE
@@ -90,8 +91,8 @@ def _arm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         )
     if bridge.modal.job != c.text:
         _need_rest(bridge, 'ARM')
-    if bridge.standoff.problem:
-        raise CommandError(requests.WRONG_STATE, f'ARM: {bridge.standoff.problem}')
+    if problem := bridge.standoff.problem or bridge.gantry.problem:
+        raise CommandError(requests.WRONG_STATE, f'ARM: {problem}')
     if unfit := bridge.unfit():
         raise CommandError(requests.WRONG_STATE, f'ARM: {unfit}')
     another = bridge.armed_job != c.text
@@ -106,6 +107,8 @@ def _disarm(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
 
 def _home(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
     _need_rest(bridge, 'HOME')
+    if bridge.gantry.problem:
+        raise CommandError(requests.WRONG_STATE, f'HOME: {bridge.gantry.problem}')
     if bridge.state != frames.IDLE or bridge.link.sender.pending:
         state = CONTROLLER_STATES[bridge.state]
         raise CommandError(requests.WRONG_STATE, f'HOME: the controller is in {state}, not IDLE')
@@ -215,6 +218,9 @@ def _configure(bridge: Bridge, c: Command, reply: Reply, now: float) -> None:
         raise CommandError(requests.BAD_ARGUMENT, text)
     if c.text.startswith('temperature_'):
         text = f"CONFIGURE: '{c.text}': set the parameters temperature_* of the bridge"
+        raise CommandError(requests.BAD_ARGUMENT, text)
+    if c.text in NAMES and not c.text.startswith(STEPS):
+        text = f"CONFIGURE: '{c.text}' belongs to the gantry: set the parameter of the bridge"
         raise CommandError(requests.BAD_ARGUMENT, text)
     _need_rest(bridge, 'CONFIGURE')
     bridge.ask('C', f'{c.text} {number(c.value, 5)}', reply, now)

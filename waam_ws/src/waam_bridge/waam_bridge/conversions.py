@@ -150,6 +150,7 @@ def diagnostic_values(bridge: Bridge, status: LinkStatus, port: str) -> dict[str
     part = bridge.temperature.says
     return {
         **({'part_temperature': part} if part else {}),
+        **({'gantry': bridge.gantry.problem} if bridge.gantry.problem else {}),
         'port': port,
         'state': CONTROLLER_STATES[bridge.state],
         'fault': bridge.fault_text or 'none',

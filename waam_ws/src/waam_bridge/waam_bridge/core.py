@@ -13,6 +13,7 @@ from waam_process.units import mm
 from . import batches, faults, frames, overrides, program, requests
 from .acceleration import Accelerometer
 from .frames import ALARM, IDLE
+from .gantry import Gantry
 from .machine import Machine
 from .outbox import ALARM_SEVERITY, FAULT, INFO, WARNING, ResendWatch
 from .params import BridgeParams
@@ -33,6 +34,7 @@ class Bridge(Machine):
         self.unfit: Callable[[], str] = lambda: ''
         self.standoff = Standoff(params)
         self.temperature = PartTemperature(params)
+        self.gantry = Gantry(params)
         self.accelerometer = Accelerometer(params.accelerometer_axes)
         self._tick = 0
         self._resends = ResendWatch()
@@ -69,6 +71,7 @@ class Bridge(Machine):
         link = self.link
         self.standoff.met(self)
         self.temperature.met(self)
+        self.gantry.met()
         if link.connects > 1:
             who = (
                 'the controller has restarted' if restarted else 'another host used the controller'
@@ -129,6 +132,7 @@ class Bridge(Machine):
             self._on_tick(t, now)
         self.standoff.poll(self, now)
         self.temperature.poll(self, now)
+        self.gantry.poll(self, now)
         if not self.dropping:
             self.pending.flush(self.outbox.replies)
 

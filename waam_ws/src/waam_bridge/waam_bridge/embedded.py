@@ -70,6 +70,7 @@ def _library() -> ctypes.CDLL:
     lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
     lib.controller_lib_place.argtypes = (handle, *(3 * (ctypes.c_double,)))
     lib.controller_lib_widen.argtypes = (handle, 3 * ctypes.c_double, 3 * ctypes.c_double)
+    lib.controller_lib_machine_steps.argtypes = (handle, 3 * ctypes.c_double)
     lib.controller_lib_copy.argtypes = (handle, handle)
     lib.controller_lib_free.argtypes = (handle,)
     lib.controller_lib_rx.argtypes = (handle, text, size)
@@ -105,6 +106,10 @@ class Controller:
     def place(self, x: float, y: float, z: float) -> None:
         """Says where the axes stand (m, machine coordinates) before anything has moved."""
         self._lib.controller_lib_place(self._handle, x * 1e3, y * 1e3, z * 1e3)
+
+    def machine_steps(self, steps_per_mm: Sequence[float]) -> None:
+        """Steps that a mm of the machine's axes takes, whatever the controller has, before anything has moved."""
+        self._lib.controller_lib_machine_steps(self._handle, (ctypes.c_double * 3)(*steps_per_mm))
 
     def widen(self, low: Sequence[float], high: Sequence[float]) -> None:
         """The axes reach all that lies between low and high (m, machine coordinates), before anything has moved."""

@@ -95,6 +95,10 @@ class Link:
         assert self.telemetry is not None
         return self.telemetry
 
+    def reaches(self, limits_mm: tuple[float, ...]) -> None:
+        """The controller was told another envelope: x0, y0, z0, x1, y1, z1, mm."""
+        self.identity = self.who._replace(limits_mm=limits_mm)
+
     # ---- the port
 
     def opened(self, now: float) -> None:

@@ -14,6 +14,7 @@ from .mounting import mounting
 from .program import Limits
 
 OF_SOURCE = 'NaN = what fits the source'
+OF_BOARD = 'NaN = as in the controller'
 NAN = math.nan
 _standoff = partial(param, changeable=True)
 
@@ -68,6 +69,37 @@ class BridgeParams:
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
     )
+    envelope_x: float = param(NAN, f'travel of the axis from 0; {OF_BOARD}', 'm', 0.05, 3.5)
+    envelope_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
+    envelope_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
+    max_speed_x: float = param(NAN, f'greatest speed of the axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_speed_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_speed_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    rapid_speed: float = param(NAN, f'of G0, along the path; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_accel_z: float = param(
+        NAN,
+        f'greatest acceleration of Z (of X and Y: waam calibrate); {OF_BOARD}',
+        'm/s^2',
+        0.05,
+        0.5,
+    )
+    home_direction_x: int = param(
+        0,
+        "-1: home switch at the axis' lower end, 1: at the upper; 0 = as in the controller",
+        '',
+        -1,
+        1,
+    )
+    home_direction_y: int = param(0, 'of this axis', '', -1, 1)
+    steps_per_mm_x: float = param(
+        NAN,
+        f'nominal; calibrated ones within 5 % of it stay; {OF_BOARD}',
+        '1/mm',
+        10.0,
+        2000.0,
+    )
+    steps_per_mm_y: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
+    steps_per_mm_z: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
     temperature_input: str = param(
         'none',
         "signal of the part's temperature at the controller; none = another node publishes it",

@@ -70,6 +70,21 @@ def test_a_real_cell_has_one_source_of_temperature_and_the_simulated_one_its_own
         made(port='x', machine='robot', pyrometer='0-10V')
 
 
+def test_the_simulated_gantry_takes_the_steps_of_the_parameter_file(tmp_path):
+    file = tmp_path / 'own.yaml'
+    file.write_text('/**/bridge: {ros__parameters: {steps_per_mm_x: 150.0, envelope_x: 3.0}}\n')
+
+    def steps(**wanted) -> str:
+        (made,) = [
+            p for p in processes(settings(tmp_path, **wanted)) if p.name == 'virtual_controller'
+        ]
+        return made.command[made.command.index('--machine-steps') + 1]
+
+    assert steps() == '320,320,320'
+    assert steps(params_files=(file,)) == '150,320,320'
+    assert steps(params_files=(file,), machine_steps=(151.5, 320.0, 321.0)) == '151.5,320,321'
+
+
 @pytest.mark.parametrize('machine', ['gantry', 'robot'])
 def test_a_preset_is_read_after_the_defaults_of_the_cell_and_before_what_the_user_says(
     tmp_path, machine

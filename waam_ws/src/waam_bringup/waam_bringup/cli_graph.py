@@ -27,8 +27,8 @@ UP: Options = (
      'FILE'),
     ('--rate', 0.0, 'simulated seconds per second at most; 0 = as fast as the nodes keep up (default), 1 = real time'),
     ('--seed', 1, 'seed of everything random in the simulated cell'),
-    ('--machine-steps', (320.0, 320.0, 320.0), 'steps that a mm of the simulated gantry really takes (320 each, as its '
-     'controller has them at first)', ('X', 'Y', 'Z')),
+    ('--machine-steps', (320.0, 320.0, 320.0), 'steps that a mm of the simulated gantry really takes (those of the '
+     'bridge\'s parameters, else 320 each, as its controller has them at first)', ('X', 'Y', 'Z')),
     ('--foreground', False, 'stay and print; Ctrl-C stops the graph'),
     ('--without', [], 'leave a node out (repeatable)', 'NODE'),
     ('--hang-timeout', 15.0, 'a node that hangs for so long while no job runs is started again (default 15; 0 = never)',

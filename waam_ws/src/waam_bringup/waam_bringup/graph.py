@@ -150,7 +150,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     known = {
         **vars(settings), 'run': str(settings.run), 'port': settings.port or str(settings.run / 'controller'),
         'pace': settings.pace, 'temperature_input': settings.temperature_input,
-        'machine_steps': ','.join(f'{v:.10g}' for v in settings.machine_steps),
+        'machine_steps': machine_steps(settings),
         'panel_access': panel_access(settings), 'jobs': str(jobs_dir()), 'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()), 'cell': cell_name(), 'lease_nodes': lease_nodes,
         'named_cell': '' if cell_name() == FIRST else cell_name(), 'parts': str(share('waam_bringup') / 'parts'),
@@ -177,18 +177,34 @@ ACCESS = {
 
 def panel_access(settings: Settings) -> list[str]:
     """What parameter files say of who may ask the panel, as options of stop_lane: both must have the same rules."""
-    found: dict[str, str] = {}
+    told = told_to('panel', settings)
+    return [word for k, v in told.items() if k in ACCESS for word in (ACCESS[k], str(v))]
+
+
+def told_to(node: str, settings: Settings) -> dict[str, Any]:
+    """What parameter files say to a node; the last one wins."""
+    found: dict[str, Any] = {}
     for file in settings.params_files:
         try:
             text = yaml.safe_load(file.read_text())
         except (OSError, ValueError, yaml.YAMLError) as e:
             raise GraphError(f'{file}: {e}') from None
-        for node in ('/**', '/**/panel', 'panel', '/panel'):
-            told = text.get(node) if isinstance(text, dict) else None
+        for name in ('/**', f'/**/{node}', node, f'/{node}'):
+            told = text.get(name) if isinstance(text, dict) else None
             values = told.get('ros__parameters') if isinstance(told, dict) else None
-            if isinstance(values, dict):
-                found |= {ACCESS[k]: str(v) for k, v in values.items() if k in ACCESS}
-    return [word for option in found.items() for word in option]
+            found |= values if isinstance(values, dict) else {}
+    return found
+
+
+def machine_steps(settings: Settings) -> str:
+    """Steps that a mm of the simulated gantry takes: by --machine-steps, else those of the bridge's parameters."""
+    told = told_to('bridge', settings)
+    usual = Settings.machine_steps
+    found = [
+        told.get(f'steps_per_mm_{axis}', has) if has == default else has
+        for axis, has, default in zip('xyz', settings.machine_steps, usual, strict=True)
+    ]
+    return ','.join(f'{v:.10g}' for v in found)
 
 
 def check_params(file: Path, description: dict[str, dict[str, Any]]) -> None:

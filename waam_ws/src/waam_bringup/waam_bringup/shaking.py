@@ -26,7 +26,7 @@ from .progress import bar
 
 TRAVEL = 0.05  # m/s, to the probe point
 BATCH = 500  # segments of a request
-HOMING_S, SILENT_S = 120.0, 20.0
+HOMING_S, SILENT_S = 900.0, 20.0
 CELL_S = 180.0  # until a simulated cell that compiles has met the controller
 ALARM_S = 5.0  # until a reset shows in the state: a command is refused by what the bridge has heard
 REST = 1.5 * SEGMENT  # s of samples before the motion

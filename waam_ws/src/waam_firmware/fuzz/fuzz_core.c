@@ -367,10 +367,10 @@ static void require_motion(const int64_t before[WAAM_AXES])
 {
     const waam_core_t *c = &bench.core;
     for (int i = 0; i < WAAM_AXES; i++) {
-        double most = bench.config.max_speed_mm_s[i] * 1e-6 * TICK_US * c->config.steps_per_mm[i] + 2.0;
+        double most = c->config.max_speed_mm_s[i] * 1e-6 * TICK_US * c->config.steps_per_mm[i] + 2.0;
         REQUIRE(fabs((double)bench.outputs.pulses[i] - (double)before[i]) <= most, "no axis jumps");
         double at = (double)(c->motion.steps[i] + c->lag[i]) / c->config.steps_per_mm[i], step = 1.5 / c->config.steps_per_mm[i];
-        REQUIRE(!c->homed || (at >= bench.config.limit_min_mm[i] - step && at <= bench.config.limit_max_mm[i] + step),
+        REQUIRE(!c->homed || (at >= c->config.limit_min_mm[i] - step && at <= c->config.limit_max_mm[i] + step),
                 "inside the soft limits");
     }
     REQUIRE(isfinite(c->motion.speed_mm_s) && c->motion.speed_mm_s >= 0.0, "speed");

@@ -6,6 +6,7 @@
  * within its span, and `$I` tells it; nothing has moved: with other steps per mm the place in mm is what it was, and homing
  * is lost. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "adxl345_device.h"
@@ -68,11 +69,19 @@ static void require_settings(void)
     }
     for (int i = 0; i < WAAM_AXES; i++) {
         double accel = c->accel_mm_s2[i];
-        require_range(accel, i < WAAM_SHAPED_AXES ? 50.0 : 300.0, i < WAAM_SHAPED_AXES ? 500.0 : 300.0, "max_accel");
+        require_range(accel, 50.0, 500.0, "max_accel");
         REQUIRE(round(accel * 1e3) / 1e3 == accel, "max_accel in thousandths");
         REQUIRE(accel == bench.core.kinematics.accel_mm_s2[i], "in force");
         REQUIRE(c->accel_most_mm_s2[i] == bench.config.accel_most_mm_s2[i], "the machine stays what it is");
     }
+    for (int i = 0; i < WAAM_AXES; i++) {
+        REQUIRE(c->limit_min_mm[i] == 0.0, "the envelope begins at 0");
+        require_range(c->limit_max_mm[i], 50.0, 3500.0, "envelope");
+        require_range(c->max_speed_mm_s[i], 10.0, 500.0, "max_speed");
+        REQUIRE(c->max_speed_mm_s[i] == bench.core.kinematics.max_speed_mm_s[i], "in force");
+        REQUIRE(abs(c->home_direction[i]) == 1 && (i < 2 || c->home_direction[i] == 1), "home_direction");
+    }
+    require_range(c->rapid_mm_s, 10.0, 500.0, "rapid_speed");
     REQUIRE(c->temperature.input <= WAAM_TEMPERATURE_AMPLIFIER, "temperature_input");
     require_range(c->temperature.low_c, -273.0, 3000.0, "temperature_low_c");
     require_range(c->temperature.high_c, -273.0, 3000.0, "temperature_high_c");
@@ -128,7 +137,10 @@ static void line(const char *text, size_t length)
         waam_core_rx(&bench.core, (uint8_t)sealed.text[i]);
     REQUIRE(bench.answers == 1, "one answer");
     bool rescaled = memcmp(before.steps_per_mm, bench.core.config.steps_per_mm, sizeof before.steps_per_mm) != 0;
-    REQUIRE(bench.core.homed == (homed && !rescaled), "other steps per mm lose homing");
+    bool resized = memcmp(before.limit_max_mm, bench.core.config.limit_max_mm, sizeof before.limit_max_mm) != 0 ||
+                   memcmp(before.home_direction, bench.core.config.home_direction, sizeof before.home_direction) != 0;
+    REQUIRE(bench.core.homed == (homed && !rescaled && !resized), "other steps per mm, envelope, way of homing lose homing");
+    REQUIRE(!resized || text[0] == 'C', "the envelope by $C only");
     REQUIRE(!rescaled || text[0] == 'C', "steps per mm by $C only");
     bool accelerated = memcmp(before.accel_mm_s2, bench.core.config.accel_mm_s2, sizeof before.accel_mm_s2) != 0;
     REQUIRE(!accelerated || text[0] == 'C', "accelerations by $C only");

@@ -1,6 +1,7 @@
 #include "host_harness.h"
 
 #include <math.h>
+#include <string.h>
 
 #define NULL_STRIKE_US 50000u
 #define SENSE_FREE_V 12.0
@@ -39,8 +40,24 @@ void host_harness_steps(const host_harness_t *harness, int64_t at[WAAM_AXES])
         at[i] = llround(harness->start_mm[i] * harness->config.steps_per_mm[i]) + harness->outputs.pulses[i];
 }
 
+/* The machine is as large as its controller is told; an axis that would stand beyond its end stands there. */
+static void resize(host_harness_t *harness)
+{
+    const waam_config_t *told = &harness->core.config;
+    waam_config_t *c = &harness->config;
+    if (memcmp(c->limit_max_mm, told->limit_max_mm, sizeof c->limit_max_mm) == 0)
+        return;
+    memcpy(c->limit_max_mm, told->limit_max_mm, sizeof c->limit_max_mm);
+    for (int i = 0; i < WAAM_AXES; i++) {
+        double moved = (double)harness->outputs.pulses[i] / c->steps_per_mm[i];
+        harness->start_mm[i] = fmin(harness->start_mm[i] + moved, c->limit_max_mm[i]) - moved;
+    }
+}
+
 static void press_home_switches(host_harness_t *harness)
 {
+    resize(harness);
+    memcpy(harness->config.home_direction, harness->core.config.home_direction, sizeof harness->config.home_direction);
     const waam_config_t *c = &harness->config;
     int64_t at[WAAM_AXES];
     host_harness_steps(harness, at);

@@ -299,6 +299,7 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
         'limit_properties',  # never further into a limit switch
         'shaper_properties',  # random programs with an input shaper: exact steps, nothing early
         'rounding_properties',  # corners and curves stay within shape_corner_mm
+        'gantry_properties',  # any envelope, speed and way of homing: never beyond them
     ],
 )
 def test_properties_of_the_core(controller_path, name):

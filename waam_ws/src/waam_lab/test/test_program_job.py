@@ -131,3 +131,11 @@ def test_a_program_beside_the_plate_is_refused_before_the_arc(goal, sent_in):
     assert '10.0 mm below work zero' in result.message
     assert set(sent_in) == {0}  # the scan
     assert run(LabJob(replace(moved, program_shift=(-0.056, 0.0, 0.0)), seed=3)).error_code == 0
+
+
+def test_a_program_beyond_the_reach_of_the_gantry_is_refused_with_line_and_word(goal):
+    """The reach is what the controller was told: 160 mm from machine zero, 40 mm from the plate's corner."""
+    result = run(LabJob(goal, seed=3, overrides={'bridge': {'envelope_x': 0.16}}))
+    assert result.error_code != 0 and result.layers == 0
+    assert 'line 11: X64: ' in result.message
+    assert ' its limit in the work frame is 40.0 mm' in result.message

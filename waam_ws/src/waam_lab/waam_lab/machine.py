@@ -6,6 +6,7 @@ outputs did, and its readings are what the controller sees in the next 10 ms.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -23,6 +24,7 @@ from waam_sim.plant import Plant, Profiles
 # where every simulated clock starts: figures must not depend on today
 EPOCH_US = 1_750_000_000_000_000
 EXCHANGE_MS = 10  # of host/host.h (STEP_US)
+STEPS_PER_MM = 320.0  # of a controller that was told nothing
 ANSWER_LIMIT = 3.0  # s of controller time that an answer may take
 CONNECT_LIMIT = 5.0  # s
 
@@ -46,7 +48,12 @@ class Machine:
         self._rest = b''  # of a line that is not complete
 
     def _make_controller(self) -> Controller | RobotController:
-        return Controller(EPOCH_US)
+        """The gantry takes the steps per mm that the parameters say, else the controller's own."""
+        p = self.bridge.params
+        steps = (p.steps_per_mm_x, p.steps_per_mm_y, p.steps_per_mm_z)
+        controller = Controller(EPOCH_US)
+        controller.machine_steps([STEPS_PER_MM if math.isnan(v) else v for v in steps])
+        return controller
 
     def close(self) -> None:
         """Frees the controller."""
@@ -63,7 +70,8 @@ class Machine:
         self.until(lambda: self.bridge.connected, CONNECT_LIMIT)
         if not self.bridge.connected:
             raise RuntimeError(f'no controller: {self.bridge.link.failed or self.bridge.message}')
-        self.until(lambda: self.bridge.standoff.settled, CONNECT_LIMIT)
+        settling = (self.bridge.standoff, self.bridge.gantry)
+        self.until(lambda: all(s.settled for s in settling), CONNECT_LIMIT)
 
     def until(self, done: Callable[[], bool], limit: float) -> bool:
         """Lets time pass until `done`, at most `limit` s. Returns whether it became true."""

@@ -5,10 +5,13 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "waam_text.h"
+
 typedef enum {
     WAAM_SETTING_FLOAT,
     WAAM_SETTING_DOUBLE,
     WAAM_SETTING_WHOLE, /* uint32_t */
+    WAAM_SETTING_SIGN,  /* int8_t, -1 or 1 */
 } waam_setting_type_t;
 
 typedef struct {
@@ -23,5 +26,7 @@ const waam_setting_t *waam_setting_find(const waam_setting_t *list, size_t count
 /* False, and nothing is changed: out of range, or not whole where it must be. */
 bool waam_setting_put(const waam_setting_t *setting, void *into, double value);
 double waam_setting_get(const waam_setting_t *setting, const void *from);
+/* Appends " must lie within 0 .. 1", which is why waam_setting_put said no. */
+void waam_setting_range(const waam_setting_t *setting, waam_text_t *text);
 
 #endif

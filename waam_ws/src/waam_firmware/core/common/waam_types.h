@@ -93,13 +93,13 @@ typedef struct {
     bool clock_is_ros_time;     /* announced as clk=sync */
     uint64_t start_us;          /* controller clock at start */
     double steps_per_mm[WAAM_AXES]; /* 10 .. 2000 (a position is within 1e6 mm and 32 bits); $C, M92, $100 change it */
-    double limit_min_mm[WAAM_AXES], limit_max_mm[WAAM_AXES];
-    double max_speed_mm_s[WAAM_AXES];
-    double accel_mm_s2[WAAM_AXES]; /* in force; $C, $120 set those of X and Y */
-    double accel_most_mm_s2[WAAM_AXES]; /* of the machine: the settings stay below */
-    double rapid_mm_s;          /* G0 */
+    double limit_min_mm[WAAM_AXES], limit_max_mm[WAAM_AXES]; /* $C changes the upper ones */
+    double max_speed_mm_s[WAAM_AXES]; /* $C changes it */
+    double accel_mm_s2[WAAM_AXES]; /* in force; $C sets them, $120 those of X and Y */
+    double accel_most_mm_s2[WAAM_AXES]; /* of the machine: the settings of X and Y stay below */
+    double rapid_mm_s;          /* G0; $C changes it */
     double junction_deviation_mm;
-    int8_t home_direction[WAAM_AXES]; /* -1: switch at the lower limit, +1: at the upper */
+    int8_t home_direction[WAAM_AXES]; /* -1: switch at the lower limit, +1: at the upper; $C changes X and Y */
     double home_seek_mm_s, home_latch_mm_s, home_backoff_mm;
     double limit_release_mm;    /* a limit switch must be released after so much way out of it */
     double wire_max_mm_s, wire_accel_mm_s2;

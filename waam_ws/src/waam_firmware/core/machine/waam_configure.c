@@ -1,8 +1,9 @@
-/* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire, the axes or the
- * temperature of the part. */
+/* Immediate line "$C <name> <value>": one setting of the standoff control, the input shaper, the wire, the axes, the gantry
+ * or the temperature of the part. */
 #include <math.h>
 
 #include "waam_accel.h"
+#include "waam_gantry.h"
 #include "waam_request.h"
 #include "waam_scale.h"
 #include "waam_wire_settings.h"
@@ -14,13 +15,8 @@ typedef struct {
 
 static void refuse_value(waam_request_t *r, const waam_setting_t *setting)
 {
-    bool whole = setting->type == WAAM_SETTING_WHOLE;
-    waam_request_refuse(r, WAAM_E_NUMBER, "");
-    waam_text_add(&r->answer, setting->name);
-    waam_text_add(&r->answer, whole ? " must be a whole number within " : " must lie within ");
-    waam_text_fixed(&r->answer, (double)setting->lowest, 5);
-    waam_text_add(&r->answer, " .. ");
-    waam_text_fixed(&r->answer, (double)setting->highest, 5);
+    waam_request_refuse(r, WAAM_E_NUMBER, setting->name);
+    waam_setting_range(setting, &r->answer);
 }
 
 static void refuse_because(waam_request_t *r, const char *name, const char *why)
@@ -157,14 +153,29 @@ static void configure_accel(waam_request_t *r, const waam_setting_t *setting, do
         refuse_error(r, &error);
 }
 
+static void configure_gantry(waam_request_t *r, const waam_setting_t *setting, double value)
+{
+    waam_error_t error;
+    if (waam_core_set_gantry(r->core, setting, value, &error))
+        waam_request_ok(r);
+    else
+        refuse_error(r, &error);
+}
+
 void waam_order_configure(waam_request_t *r)
 {
+    if (waam_at_end(&r->args)) {
+        waam_request_settings(r, waam_gantry_settings, waam_gantry_settings_count, &r->core->config);
+        waam_request_settings(r, waam_scale_settings, WAAM_AXES, &r->core->config);
+        return;
+    }
     const name_t name = read_name(r);
     const waam_setting_t *standoff = waam_standoff_setting(name.text, name.length);
     const waam_setting_t *shaper = waam_shaper_setting(name.text, name.length);
     const waam_setting_t *wire = waam_wire_setting(name.text, name.length);
     const waam_setting_t *scale = waam_scale_setting(name.text, name.length);
     const waam_setting_t *accel = waam_accel_setting(name.text, name.length);
+    const waam_setting_t *gantry = waam_gantry_setting(name.text, name.length);
     const waam_setting_t *temperature = waam_temperature_setting(name.text, name.length);
     waam_error_t error;
     double value;
@@ -172,7 +183,7 @@ void waam_order_configure(waam_request_t *r)
         refuse_error(r, &error);
         return;
     }
-    if (!standoff && !shaper && !wire && !scale && !accel && !temperature) {
+    if (!standoff && !shaper && !wire && !scale && !accel && !gantry && !temperature) {
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "no setting has this name");
         return;
     }
@@ -184,6 +195,8 @@ void waam_order_configure(waam_request_t *r)
         configure_scale(r, scale, value);
     else if (accel)
         configure_accel(r, accel, value);
+    else if (gantry)
+        configure_gantry(r, gantry, value);
     else if (wire)
         configure_wire(r, wire, value);
     else if (temperature)

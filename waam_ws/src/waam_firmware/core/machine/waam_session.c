@@ -156,28 +156,17 @@ void waam_order_heartbeat(waam_request_t *r)
     waam_text_uint(&r->answer, core->now_us + core->since_tick_us);
 }
 
-static void list(waam_request_t *r, const waam_setting_t *settings, size_t count, const void *from)
-{
-    for (size_t i = 0; i < count; i++) {
-        waam_text_char(&r->answer, ' ');
-        waam_text_add(&r->answer, settings[i].name);
-        waam_text_char(&r->answer, '=');
-        waam_text_fixed(&r->answer, waam_setting_get(&settings[i], from), 4);
-    }
-}
-
 /* "$L" alone: the settings of shaper, wire, axes and temperature, whatever the state; nothing is changed. */
 static void tell_settings(waam_request_t *r)
 {
     const waam_config_t *c = &r->core->config;
-    r->only_told = true;
     shaper(r);
-    list(r, waam_wire_settings, waam_wire_settings_count, c);
-    list(r, waam_scale_settings, WAAM_AXES, c);
-    list(r, waam_accel_settings, WAAM_SHAPED_AXES, c);
-    list(r, waam_accel_limits, WAAM_SHAPED_AXES, c);
+    waam_request_settings(r, waam_wire_settings, waam_wire_settings_count, c);
+    waam_request_settings(r, waam_scale_settings, WAAM_AXES, c);
+    waam_request_settings(r, waam_accel_settings, WAAM_SHAPED_AXES, c);
+    waam_request_settings(r, waam_accel_limits, WAAM_SHAPED_AXES, c);
     if (c->part_temperature)
-        list(r, waam_temperature_settings, waam_temperature_settings_count, &c->temperature);
+        waam_request_settings(r, waam_temperature_settings, waam_temperature_settings_count, &c->temperature);
 }
 
 void waam_order_resync(waam_request_t *r)

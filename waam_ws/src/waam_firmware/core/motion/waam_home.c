@@ -29,7 +29,8 @@ static void move(waam_home_t *home, int32_t *steps, double target_mm_s, const wa
 /* A lower acceleration brakes in no longer way: behind the home switch comes the limit switch. */
 static double seek_mm_s(const waam_config_t *config, int axis)
 {
-    return config->home_seek_mm_s * sqrt(fmin(1.0, config->accel_mm_s2[axis] / config->accel_most_mm_s2[axis]));
+    double most = fmin(config->home_seek_mm_s, config->max_speed_mm_s[axis]);
+    return most * sqrt(fmin(1.0, config->accel_mm_s2[axis] / config->accel_most_mm_s2[axis]));
 }
 
 static double range(const waam_config_t *config, int axis)

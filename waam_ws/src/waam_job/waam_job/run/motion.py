@@ -11,6 +11,8 @@ from ..model.goal import Code, JobError
 from .again import Again
 from .watch import Watch
 
+HOME_SPEED = 0.01  # m/s, the slowest that an axis seeks its switch with
+
 
 class Motion:
     """All waiting goes through the watch, so every fault, pause and abort is noticed here as well."""
@@ -32,8 +34,11 @@ class Motion:
                 raise JobError(Code.TIMEOUT, f'{text} within {timeout:.0f} s')
 
     def home(self, timeout: float) -> None:
-        """References the axes when that was not done yet."""
-        if not self.cell.machine().homed:
+        """References the axes when that was not done yet. timeout: s, beside the way of the axes to their switches."""
+        machine = self.cell.machine()
+        if not machine.homed:
+            low, high = machine.limit_min, machine.limit_max
+            timeout += sum(b - a for a, b in zip(low, high, strict=True)) / HOME_SPEED
             self.cell.command('HOME')
             self.until(lambda m: m.homed, timeout, 'homing did not end')
         self.until(lambda m: m.state == 'IDLE', timeout, 'the machine did not come to rest')

@@ -1,0 +1,129 @@
+"""The gantry as the parameters describe it: told to the controller, read back, compared. Pure.
+
+The controller keeps these settings until it loses its power. Only what differs is sent, because another envelope loses
+homing. Until both agree, no job can be armed and nothing homes.
+"""
+
+from __future__ import annotations
+
+import math
+
+from waam_process.units import to_mm
+
+from . import requests
+from .frames import ALARM, IDLE
+from .machine import Machine
+from .outbox import FAULT
+from .params import BridgeParams
+from .program import number
+from .settings import NOT_NOW, Setting
+
+CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
+STEPS, SPEED, ENVELOPE = 'steps_per_mm_', 'max_speed_', 'envelope_'
+NAMES = tuple(f'{ENVELOPE}{a}' for a in 'xyz') + (
+    'rapid_speed', 'max_accel_z', 'home_direction_x', 'home_direction_y',
+    *(f'{group}{a}' for group in (SPEED, STEPS) for a in 'xyz'),
+)  # fmt: skip
+
+
+def wanted(p: BridgeParams) -> dict[str, float]:
+    """The settings that are given, as the controller calls and counts them: mm, mm/s, mm/s^2."""
+    given: dict[str, float] = {}
+    for name in NAMES:
+        value = getattr(p, name)
+        if value and not math.isnan(value):
+            plain = name.startswith(('home', STEPS))
+            given[name] = float(value) if plain else to_mm(value)
+    return given
+
+
+def differing(want: dict[str, float], told: dict[str, float]) -> list[Setting]:
+    """What must be sent, in an order in which no steps and speed that go together only at the end are refused."""
+    found: list[tuple[int, str, float]] = []
+    for name, value in want.items():
+        has = told.get(name, math.nan)
+        steps = name.startswith(STEPS)
+        if abs(has - value) <= (CALIBRATED * value if steps else 1e-3):
+            continue
+        falls = name.startswith(SPEED) and value < has
+        found.append((0 if falls else 1 if steps else 2, name, value))
+    return [(name, value) for _, name, value in sorted(found, key=lambda f: f[0])]
+
+
+def parse(text: str) -> dict[str, float]:
+    """The answer to `$C` alone; {} when it is none."""
+    try:
+        return {n: float(v) for n, _, v in (word.partition('=') for word in text.split())}
+    except ValueError:
+        return {}
+
+
+class Gantry:
+    """`problem`: why the controller must not move as it is, '' = it has what the parameters say."""
+
+    def __init__(self, params: BridgeParams) -> None:
+        self._want = wanted(params)
+        self._left: list[Setting] = []
+        self._asked = self._agreed = self._sent = False
+        self._refused = ''
+
+    @property
+    def problem(self) -> str:
+        """See the class."""
+        if self.settled:
+            return self._refused
+        return 'the settings of the gantry are not in the controller yet'
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is left to ask or send."""
+        return not self._want or self._agreed or bool(self._refused)
+
+    def met(self) -> None:
+        """A controller that may have other settings."""
+        self._left, self._refused = [], ''
+        self._asked = self._agreed = self._sent = False
+
+    def poll(self, machine: Machine, now: float) -> None:
+        """Asks and sends what is due when the controller can take it."""
+        if self.settled or self._asked or machine.queued or machine.state not in (IDLE, ALARM):
+            return
+        left = self._left
+        self._asked = True
+
+        def done(code: int, text: str) -> None:
+            if self._left is not left:  # of a controller before this one
+                return
+            self._asked = False
+            if code == requests.REFUSED and NOT_NOW not in text:
+                what = (
+                    f'setting {left[0][0]} of the gantry' if left else 'the settings of the gantry'
+                )
+                self._refuse(machine, f'{what}: {text}')
+            elif code == requests.OK and left:
+                self._left = left[1:]
+            elif code == requests.OK:
+                self._compare(machine, text)
+
+        line = f'{left[0][0]} {number(left[0][1], 3)}' if left else ''
+        machine.link.ask('C', line, done, now)
+
+    def _compare(self, machine: Machine, text: str) -> None:
+        told = parse(text)
+        if not told.keys() >= set(NAMES):
+            self._refuse(machine, f"the controller does not tell the gantry's settings: '{text}'")
+            return
+        self._left = differing(self._want, told)
+        if self._left and self._sent:
+            name, value = self._left[0]
+            text = f'the controller has {name} {told.get(name):g}, the parameters say {value:g}'
+            self._refuse(machine, text)
+            return
+        self._agreed, self._sent = not self._left, True
+        low = machine.link.who.limits_mm[:3]
+        machine.link.reaches((*low, *(told[ENVELOPE + axis] for axis in 'xyz')))
+        machine.outbox.changed = True
+
+    def _refuse(self, machine: Machine, text: str) -> None:
+        self._refused = text
+        machine.notice(FAULT, 'motion', text, 'none')

@@ -1,0 +1,24 @@
+/* The gantry that the controller moves, as a host tells it: envelope, greatest speeds, acceleration of Z, and where X and Y
+ * home: `$C envelope_x 3000`. Z always homes upwards: the torch leaves the part. */
+#ifndef WAAM_GANTRY_H
+#define WAAM_GANTRY_H
+
+#include "waam_core.h"
+#include "waam_setting.h"
+
+#define WAAM_ENVELOPE_LEAST 50.0 /* mm */
+#define WAAM_ENVELOPE_MOST 3500.0
+#define WAAM_SPEED_LEAST 10.0    /* mm/s: homing backs off with it */
+#define WAAM_SPEED_MOST 500.0
+
+/* Places in waam_config_t: names and ranges. */
+extern const waam_setting_t waam_gantry_settings[];
+extern const size_t waam_gantry_settings_count;
+/* NULL = no such setting. */
+const waam_setting_t *waam_gantry_setting(const char *name, size_t length);
+
+/* Rounded to a thousandth. In IDLE or ALARM with an empty queue, not armed. The position in mm stays; another envelope or
+ * way of homing loses homing. False: `error` says why, nothing is changed. */
+bool waam_core_set_gantry(waam_core_t *core, const waam_setting_t *setting, double value, waam_error_t *error);
+
+#endif
