@@ -89,9 +89,10 @@ class Bench:
 
 
 @contextmanager
-def running_graph(folder: Path, part, **settings) -> Iterator[Bench]:
-    """On the cell that scatters least, unless `settings` name another preset: these tests ask what the graph does."""
-    domain = fresh_domain()
+def running_graph(folder: Path, part, domain: int = 0, **settings) -> Iterator[Bench]:
+    """On the cell that scatters least, unless `settings` name another preset: these tests ask what the graph does.
+    domain: 0 = one of its own."""
+    domain = domain or fresh_domain()
     run = folder / 'run'
     wanted = Settings(run=run, seed=3, **{'preset': 'gentle', **settings})
     try:

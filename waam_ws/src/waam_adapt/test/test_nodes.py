@@ -12,6 +12,7 @@ import yaml
 from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Temperature
 
 from waam_adapt.conversions import bead_paths, correction_input, next_thickness, ratio_high
@@ -311,8 +312,9 @@ def test_bad_feed_request_is_refused_naming_the_field(graph, feed, change, code,
 
 
 def test_heat_factor_follows_the_pyrometer_and_drops_it_when_silent(graph):
+    """Of a stock driver: best effort."""
     got = latched(graph, HeatFactor, 'heat_factor')
-    publisher = graph.node.create_publisher(Temperature, 'temperature', qos.BEAT)
+    publisher = graph.node.create_publisher(Temperature, 'temperature', qos_profile_sensor_data)
     graph.wait(lambda: publisher.get_subscription_count() == 1, what='thermal_compensator')
     graph.wait(lambda: got and not got[-1].plausible, what='not plausible before any sample')
     assert not got[-1].ready

@@ -29,7 +29,7 @@ class ThermalCompensator(node.WaamNode):
         super().__init__('thermal_compensator', ThermalParams)
         self.compensator = Compensator(self.params)
         self.publisher = self.create_publisher(HeatFactor, 'heat_factor', qos.LATCHED)
-        self.create_subscription(Temperature, 'temperature', self.on_temperature, qos.BEAT)
+        self.create_subscription(Temperature, 'temperature', self.on_temperature, qos.SENSOR)
         self.create_subscription(JobStatus, 'job_status', self.on_job, qos.LATCHED)
         self.create_subscription(LayerReport, 'layer_report', self.on_layer, qos.EVENTS)
         self.create_timer(0.5, self.on_timer)

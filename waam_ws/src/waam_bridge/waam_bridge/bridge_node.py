@@ -82,7 +82,7 @@ class BridgeNode(WaamNode):
             Override, 'process_override', self._on_process_override, qos.NEWEST
         )
         if self._out.csv:
-            self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.BEAT)
+            self.create_subscription(Temperature, 'temperature', self._on_temperature, qos.SENSOR)
         self._abort = self.create_client(Trigger, 'job_sequencer/abort')
         self._served = Services(self, self.core, self._lock, self._pump, self._at_once)
         self._measures = False  # the controller has an accelerometer, and others can see it

@@ -1,5 +1,9 @@
 """Quality of service of every topic, in one place (docs/interfaces.md says why)."""
 
+from collections.abc import Callable
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -15,7 +19,24 @@ def _profile(depth: int, reliable: bool = True, latched: bool = False) -> QoSPro
 LATCHED = _profile(1, latched=True)  # late joiners see the last one
 EVENTS = _profile(100)  # segment_done, anomaly, layer_report: none may be missed
 TELEMETRY = _profile(1000)  # 100 Hz or 1 kHz; recorded, so reliable
-SENSOR = _profile(50, reliable=False)  # scanner drivers: matches their reliable and best effort
+SENSOR = _profile(
+    1000, reliable=False
+)  # devices' drivers: matches their reliable and best effort; for bursts
 PROFILES = _profile(50)  # batches of profiles, up to a megabyte each
-BEAT = _profile(10)  # lease_tick, heartbeat, link_status, temperature
+BEAT = _profile(10)  # lease_tick, heartbeat, link_status, weld_command
 NEWEST = _profile(1)  # override: only the newest counts
+
+
+def subscribe_to_driver(
+    node: Node, kind: type, topic: str, callback: Callable, depth: int, raw: bool = False
+) -> None:
+    """Reliable, until a publisher of `topic` offers best effort only; best effort to all of them from then on."""
+
+    def weaker(_: object) -> None:
+        node.destroy_subscription(subscription)
+        node.create_subscription(kind, topic, callback, _profile(depth, reliable=False), raw=raw)
+
+    subscription = node.create_subscription(
+        kind, topic, callback, _profile(depth), raw=raw,
+        event_callbacks=SubscriptionEventCallbacks(incompatible_qos=weaker),
+    )  # fmt: skip

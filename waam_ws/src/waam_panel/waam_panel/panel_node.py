@@ -26,7 +26,7 @@ from waam_msgs.msg import (
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
-from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
+from waam_node.qos import BEAT, EVENTS, LATCHED, SENSOR, TELEMETRY
 from waam_process.materials import load as materials
 from waam_shop.notifier import Notifier, load
 from waam_shop.notify_settings import NotifyError, NotifySettings
@@ -95,7 +95,7 @@ TOPICS = (  # name of the section, type, topic, quality of service, newest only
     ('link', LinkStatus, 'link_status', BEAT, True),
     ('job', JobStatus, 'job_status', LATCHED, False),
     ('heat', HeatFactor, 'heat_factor', LATCHED, True),
-    ('temperature', Temperature, 'temperature', BEAT, True),
+    ('temperature', Temperature, 'temperature', SENSOR, True),
     ('plan', LayerPlan, 'layer_plan', LATCHED, True),
     ('standoff', Standoff, 'standoff', TELEMETRY, True),
     ('process', ProcessControl, 'process_control', TELEMETRY, True),

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_scan.stream.point_fields import DATATYPES, CloudLayout, profiles_of, read_fields
+from waam_scan.stream.point_fields import (
+    DATATYPES,
+    CloudLayout,
+    profile_of_rays,
+    profiles_of,
+    read_fields,
+)
 
 F32, U16, U32 = 7, 4, 6
 # PCL's PointXYZI: 32 bytes, z is the distance, points without return have z = +infinity
@@ -46,6 +52,44 @@ def test_rows_padding_byte_order_and_heights_that_point_up():
     x, z = profiles_of(layout, b''.join(rows), False)
     np.testing.assert_allclose(z, [[-0.1, -0.2], [-0.3, -0.4]], rtol=1e-6)
     assert x.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+def test_a_profile_lies_in_the_plane_of_its_frame():
+    """Points without a return may be anywhere."""
+    points = [(0.001, 0.0, 0.1, 0.0), (0.002, 7.0, float('inf'), 0.0)]
+    data = b''.join(struct.pack('<fff4xf12x', *p) for p in points)
+    assert np.isfinite(profiles_of(CloudLayout(PCL, 2, 1, 32, 64), data, True)[1]).sum() == 1
+    beside = data + struct.pack('<fff4xf12x', 0.003, 2e-3, 0.1, 0.0)
+    with pytest.raises(ValueError, match='2.000 mm: a profile lies in the plane y = 0'):
+        profiles_of(CloudLayout(PCL, 3, 1, 32, 96), beside, True)
+
+
+def test_rays_look_down_from_the_scanner_and_count_from_its_lateral_axis():
+    r = np.array([0.2, 0.1, np.sqrt(2) * 0.1, np.inf, np.nan, -np.inf, 0.04, 0.31, 0.0], np.float32)
+    x, z = profile_of_rays(r[:3], -np.pi / 4, np.pi / 4, 0.05, 0.3)
+    np.testing.assert_allclose(x, [[-0.2 * np.sqrt(0.5), 0.0, 0.1]], atol=1e-8)
+    np.testing.assert_allclose(z, [[-0.2 * np.sqrt(0.5), -0.1, -0.1]], atol=1e-8)
+    assert x.dtype == z.dtype == np.float32
+    x, z = profile_of_rays(r, 0.0, 0.01, 0.05, 0.3)
+    assert np.isfinite(x[0]).tolist() == np.isfinite(z[0]).tolist() == [True] * 3 + [False] * 6
+    assert not np.isfinite(profile_of_rays(r[[3, 8]], 0.0, 0.01, 0.0, np.inf)[1]).any()
+
+
+@pytest.mark.parametrize(
+    'n, first, step, nearest, farthest, word',
+    [
+        (0, 0.0, 0.1, 0.1, 1.0, 'no ranges'),
+        (3, np.nan, 0.1, 0.1, 1.0, 'are no scan'),
+        (3, 0.0, np.inf, 0.1, 1.0, 'are no scan'),
+        (3, 0.0, 0.0, 0.1, 1.0, 'are no scan'),
+        (9, 0.0, 1.0, 0.1, 1.0, 'are no scan'),
+        (3, 0.0, 0.1, 0.0, 0.0, 'no range lies between'),
+        (3, 0.0, 0.1, np.nan, 1.0, 'no range lies between'),
+    ],
+)
+def test_scans_that_cannot_be_are_refused(n, first, step, nearest, farthest, word):
+    with pytest.raises(ValueError, match=word):
+        profile_of_rays(np.ones(n, np.float32), first, step, nearest, farthest)
 
 
 @pytest.mark.parametrize(

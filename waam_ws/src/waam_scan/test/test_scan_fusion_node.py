@@ -95,7 +95,7 @@ class Cell(Node):
         data = np.zeros((points, 8), np.float32)
         data[:, 0], data[:, 2], data[:, 4] = lateral, distance, 500.0
         msg = PointCloud2(height=1, width=points, point_step=32, row_step=32 * points)
-        msg.header.stamp, msg.header.frame_id = time_to_msg(t), 'scancontrol'
+        msg.header.stamp, msg.header.frame_id = time_to_msg(t), 'scanner'
         msg.fields = [
             PointField(name=n, offset=o, datatype=PointField.FLOAT32, count=1)
             for n, o in (('x', 0), ('y', 4), ('z', 8), ('intensity', 16))
@@ -254,6 +254,7 @@ def test_a_cloud_without_heights_is_refused_with_its_fields(graph):
     g.begin()
     g.wait(lambda: g.cell.points.get_subscription_count())
     empty = PointCloud2(height=1, width=1, point_step=4, row_step=4, data=array('B', bytes(4)))
+    empty.header.frame_id = 'scanner'
     empty.fields = [PointField(name='range', offset=0, datatype=PointField.FLOAT32, count=1)]
 
     def said():
@@ -315,7 +316,8 @@ def test_no_scanner_bad_grid_and_no_scan_are_answered(graph):
     assert busy.error_code == BEGIN.BUSY, 'a begin that waits does not block the node'
     g.wait(waiting.done)
     assert waiting.result().error_code == BEGIN.NO_SCANNER
-    assert 'scanner/enable' in waiting.result().message
+    message = waiting.result().message
+    assert 'nothing comes on `points`' in message and 'scanner/enable is not there' in message
     nothing = g.finish(0, time.time())
     assert nothing.error_code == FINISH.NO_SCAN
 

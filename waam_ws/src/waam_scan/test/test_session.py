@@ -170,6 +170,18 @@ def test_a_session_is_complete_when_profiles_and_poses_reach_the_end():
     assert not s.complete
 
 
+def test_what_a_scanner_that_never_stops_says_after_the_end_only_shows_that_the_end_is_there():
+    s = started(job_id='a', layer=1)
+    s.add_batch(0, block(0))
+    poses(s.track, 0, 200)
+    assert not s.is_past(block(1000)), 'the end is not known yet'
+    s.until_ns = 150 * MS
+    s.resolve()
+    assert not s.is_past(block(100)) and not s.complete
+    assert s.is_past(block(160)) and s.complete
+    assert s.fresh == s.counts.used == 10 and s.waiting == 0
+
+
 def test_lost_batches_make_a_map_implausible():
     s = started(job_id='a', layer=1)
     poses(s.track, 0, 2000)

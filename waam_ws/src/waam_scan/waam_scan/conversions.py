@@ -9,7 +9,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
@@ -25,7 +25,7 @@ from waam_node.conversions import (
 from waam_process.grid import GridError, GridSpec
 
 from .map_maker import ScanMap
-from .stream.point_fields import CloudLayout, profiles_of
+from .stream.point_fields import CloudLayout, profile_of_rays, profiles_of
 from .stream.profiles import ProfileBlock, block_of
 from .stream.session import LaidBeads, Session
 from .transform import Mounting
@@ -56,6 +56,17 @@ def block_from_cloud(msg: PointCloud2, down: bool, period_ns: int) -> ProfileBlo
     x, z = profiles_of(layout, msg.data, down)
     stamps = nanoseconds(msg.header.stamp) + period_ns * np.arange(len(x), dtype=np.int64)
     return ProfileBlock(stamps, x, z)
+
+
+def block_from_scan(msg: LaserScan) -> ProfileBlock:
+    """One profile, at the time of its middle ray. ValueError says what is wrong with it."""
+    ranges = np.frombuffer(msg.ranges, np.float32)
+    limits = msg.range_min, msg.range_max
+    x, z = profile_of_rays(ranges, msg.angle_min, msg.angle_increment, *limits)
+    if not np.isfinite(msg.time_increment):
+        raise ValueError(f'time_increment is {msg.time_increment}')
+    middle = round(msg.time_increment * (len(ranges) - 1) / 2 * 1e9)
+    return ProfileBlock(np.array([nanoseconds(msg.header.stamp) + middle]), x, z)
 
 
 def checked_grid(msg: GridInfo) -> GridSpec:

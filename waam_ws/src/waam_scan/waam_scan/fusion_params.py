@@ -37,6 +37,7 @@ class FusionParams:
     points_period: float = param(
         0.0, 'time between the rows of a cloud on points; 0 = one profile per cloud', 's', 0.0, 10.0
     )
+    scanner_frame: str = param('scanner', 'frame_id of points and scan; others are refused')
     max_waiting: int = param(2000, 'profiles that may wait for telemetry', '', 10, 1_000_000)
     height_min: float = param(-0.05, 'points below are outside (work frame)', 'm', -1.0, 1.0)
     height_max: float = param(0.30, 'points above are outside (work frame)', 'm', -1.0, 2.0)
@@ -55,7 +56,11 @@ class FusionParams:
     )
     max_growth: float = param(6e-3, 'largest possible growth per layer', 'm', 1e-4, 0.1)
     scanner_wait: float = param(
-        1.0, 'how long to wait for the service scanner/enable to be there (steady)', 's', 0.05, 60.0
+        1.0,
+        'how long to wait for the service scanner/enable, or a profile without it (steady)',
+        's',
+        0.05,
+        60.0,
     )
     quiet_time: float = param(
         1.0, 'a finishing scan ends after this long without news (steady)', 's', 0.05, 60.0

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image, LaserScan, PointCloud2
 from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
@@ -21,12 +21,13 @@ from waam_node.cdr import read_pose
 from waam_node.conversions import image_to_msg, nanoseconds
 from waam_node.deferred import Deferred, create_deferred_service
 from waam_node.node import WaamNode
-from waam_node.qos import LATCHED, PROFILES, SENSOR, TELEMETRY
+from waam_node.qos import LATCHED, PROFILES, SENSOR, TELEMETRY, subscribe_to_driver
 from waam_process.grid import GridError
 
 from .conversions import (
     answer,
     block_from_cloud,
+    block_from_scan,
     checked_grid,
     laid_beads,
     map_to_msg,
@@ -64,6 +65,7 @@ class ScanFusion(WaamNode):
         fusion.warm_up()
         self._monitor = FusionMonitor(self, self._track)
         self._scanner = self.create_client(SetBool, 'scanner/enable')
+        self._switched = False  # by that service; without it the scanner always measures
         self._maps = self.create_publisher(HeightMap, 'height_map', LATCHED)
         self._static = self.create_publisher(TFMessage, '/tf_static', LATCHED)
         scanner = mounting_to_msg(self._maker.mounting, self.get_clock().now().to_msg())
@@ -72,9 +74,10 @@ class ScanFusion(WaamNode):
         self.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY, raw=True)
         self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
         # batches are taken as they come over the wire: a message object would be two more copies of a megabyte
-        self.create_subscription(ProfileBatch, 'profiles', self._on_profiles, PROFILES, raw=True)
-        self.create_subscription(PointCloud2, 'points', self._on_points, SENSOR)
-        self._clouds = 0  # they carry no number; what is lost shows as a pause between stamps
+        subscribe_to_driver(self, ProfileBatch, 'profiles', self._on_profiles, PROFILES.depth, True)
+        subscribe_to_driver(self, PointCloud2, 'points', self._on_points, SENSOR.depth)
+        subscribe_to_driver(self, LaserScan, 'scan', self._on_scan, SENSOR.depth)
+        self._drivers = 0  # messages of drivers: they carry no number; what is lost shows as a pause between stamps
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
             (FinishScan, '~/finish', self._finish),
@@ -122,10 +125,27 @@ class ScanFusion(WaamNode):
         self._on_batch(lambda: read_batch(data))
 
     def _on_points(self, msg: PointCloud2) -> None:
-        p, number = self.params, self._clouds
-        self._clouds += 1
+        p = self.params
         period = round(p.points_period * 1e9)
-        self._on_batch(lambda: (number, block_from_cloud(msg, p.points_down, period)))
+        self._on_driver('points', msg, lambda: block_from_cloud(msg, p.points_down, period))
+
+    def _on_scan(self, msg: LaserScan) -> None:
+        self._on_driver('scan', msg, lambda: block_from_scan(msg))
+
+    def _on_driver(self, topic: str, msg: Any, make: Callable[[], ProfileBlock]) -> None:
+        number, frame, wanted = self._drivers, msg.header.frame_id, self.params.scanner_frame
+        if frame == wanted:
+            self._drivers += 1
+            self._on_batch(lambda: (number, make()))
+        elif self._session:  # another device: it does not count against the map
+            self._refuse(f"`{topic}` is in frame '{frame}', not '{wanted}' (scanner_frame)")
+
+    def _refuse(self, why: str) -> None:
+        session = self._session
+        if session:
+            session.refusal = why
+            self._monitor.count['refused_batches'] += 1
+            self._monitor.anomaly(f'profiles refused: {why}', Anomaly.WARNING, session)
 
     def _on_batch(self, make: Callable[[], tuple[int, ProfileBlock]]) -> None:
         """make: gives number and profiles, or raises ValueError."""
@@ -134,16 +154,16 @@ class ScanFusion(WaamNode):
         if session is None:
             self._monitor.count['idle_batches'] += 1
             return
-        self._last_batch = time.monotonic()
         try:
             sequence, block = make()
         except ValueError as error:
             session.refused += 1
-            self._monitor.count['refused_batches'] += 1
-            self._monitor.anomaly(f'profiles refused: {error}', Anomaly.WARNING, session)
+            self._refuse(str(error))
             return
         self._read_telemetry()
-        session.add_batch(sequence, block)
+        if self._switched or not session.is_past(block):
+            self._last_batch = time.monotonic()
+            session.add_batch(sequence, block)
         if session.complete:
             self._complete.set()
         else:
@@ -169,7 +189,7 @@ class ScanFusion(WaamNode):
         if self._session is not None:
             self.get_logger().warning(f'scan {self._session.scan_id} was never finished')
         self._session, self._beginning = session, True
-        trouble = await self._switch(True)
+        trouble = await self._scanner_on(session)
         self._beginning = False
         if self._session is not session:
             trouble = trouble or 'the job has ended'
@@ -200,14 +220,32 @@ class ScanFusion(WaamNode):
         asked = request.job_id, request.layer, scan_id, spec, earliest
         return self._maker.begin(*asked, laid_beads(request), request.keep)
 
-    async def _switch(self, on: bool) -> str:
-        """Returns '' when the scanner obeyed, else what is wrong."""
+    async def _scanner_on(self, session: Session) -> str:
+        """Returns '' when it measures, else what is wrong: by the service where it is there, else one that always
+        measures must be heard."""
         client, wait = self._scanner, self.params.scanner_wait
-        name, end = client.srv_name, time.monotonic() + wait
+        end, self._switched = time.monotonic() + wait, False
         while not client.service_is_ready():
+            if session.fresh:
+                return ''
             if time.monotonic() > end:
-                return f'no scanner: service {name} is not there (waited {wait:.1f} s)'
+                why = session.refusal or ', '.join(session.counts.reasons())
+                return (
+                    f'no scanner: nothing comes on `points`, `profiles` or `scan`{why and f" ({why})"}, and service '
+                    f'{client.srv_name} is not there (waited {wait:.1f} s)'
+                )
             await after(self, 0.02)
+        self._switched = True
+        return await self._switch(True)
+
+    async def _switch(self, on: bool) -> str:
+        """Returns '' when the scanner obeyed or always measures, else what is wrong."""
+        client = self._scanner
+        name = client.srv_name
+        if not self._switched:
+            return ''
+        if not client.service_is_ready():
+            return f'service {name} is not there'
         future = client.call_async(SetBool.Request(data=on))
         obeyed = await first(Event.of(future), after(self, ANSWER_S))
         if obeyed is None:
@@ -231,7 +269,9 @@ class ScanFusion(WaamNode):
             if trouble := await self._switch(False):
                 session.remarks.append(f'scanner not switched off: {trouble}')
             if not await self._everything(session):
+                why = ', '.join(session.counts.reasons())
                 text = f'the end of the scan was not reached in {self.params.finish_timeout:.0f} s'
+                text += why and f': {why}'
                 self._monitor.no_map(text, session)
                 return answer(response, FinishScan.Response.TIMEOUT, text)
             return self._fuse(session, response)

@@ -18,7 +18,7 @@ from waam_node.conversions import nanoseconds
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_main
 from waam_node.params import param
-from waam_node.qos import BEAT, EVENTS, LATCHED, SENSOR
+from waam_node.qos import EVENTS, LATCHED, SENSOR
 from waam_process.names import job_state
 from waam_robot.urdf_text import UrdfError
 
@@ -29,7 +29,7 @@ from .report_writer import ReportWriter
 from .robot_scene import RobotScene
 from .scene import Scene
 
-QOS = {'temperature': BEAT, 'layer_report': EVENTS, 'anomaly': EVENTS}  # all others are latched
+QOS = {'temperature': SENSOR, 'layer_report': EVENTS, 'anomaly': EVENTS}  # all others are latched
 WINDOW_S = 120.0  # of ROS time that live plots show
 NICE = 10  # where cores are scarce the nodes of the loop come first
 

@@ -70,7 +70,8 @@ class Session:
     """A scan in progress: `add` profiles, `resolve` after new telemetry (poses come from `track`), `close` at the end.
 
     not_before_ns: profiles with earlier stamps belong to another surface. until_ns: end of the scanning motion, once it
-    was asked for. batches, refused: received, and malformed.
+    was asked for. batches, refused: received, and malformed; refusal: why the last message was not taken. fresh:
+    profiles that are not from before the scan.
     """
 
     fusion: Fusion
@@ -85,6 +86,8 @@ class Session:
     until_ns: int | None = None
     batches: int = 0
     refused: int = 0
+    refusal: str = ''
+    fresh: int = 0
     remarks: list[str] = field(default_factory=list)
     counts: ProfileCounts = field(default_factory=ProfileCounts)
     watch: StampWatch = field(default_factory=StampWatch)
@@ -95,6 +98,7 @@ class Session:
     newest_empty_ns: int | None = None
     _waiting: deque[ProfileBlock] = field(default_factory=deque)
     _refreshed: float = -1.0
+    _passed: bool = False
 
     @property
     def spec(self) -> GridSpec:
@@ -127,7 +131,8 @@ class Session:
         if self.newest_ns is None or self.until_ns is None:
             return False
         period = self.watch.period_ns or DEFAULT_PERIOD_NS
-        return self.newest_ns >= self.until_ns - period and self.waiting == 0
+        reached = self._passed or self.newest_ns >= self.until_ns - period
+        return reached and self.waiting == 0
 
     # ---- profiles in -------------------------------------------------------------------------
 
@@ -139,16 +144,29 @@ class Session:
         self.sequences.follow(sequence, before is None or (after is not None and after > before))
         self.batches += 1
 
+    def is_past(self, block: ProfileBlock) -> bool:
+        """Whether all of it is from after the end, as of a scanner that always measures; nothing before it is missing
+        then."""
+        if self.until_ns is None or int(block.stamps.min()) + self._delay_ns <= self.until_ns:
+            return False
+        self._passed = True
+        return True
+
+    @property
+    def _delay_ns(self) -> int:
+        return round(self.fusion.mounting.delay * 1e9)
+
     def add(self, block: ProfileBlock) -> None:
         """Takes profiles in any order; repeated ones, those from before the scan and those without a return are
         rejected."""
         if not len(block):
             return
-        block = block.shifted(round(self.fusion.mounting.delay * 1e9))
+        block = block.shifted(self._delay_ns)
         new = self.watch.check(block.stamps, self.counts)
         fresh = block.stamps >= self.not_before_ns
         seen = rows_seen(read_only(block.x), read_only(block.z))
         self.counts.stale += int((new & ~fresh).sum())
+        self.fresh += int((new & fresh).sum())
         self._pass_over(block.take(new & fresh & ~seen))
         self._push(block.take(new & fresh & seen))
         self.resolve()
@@ -253,7 +271,7 @@ class Session:
         """The reason for a map without a single point."""
         c, f = self.counts, self.fusion
         if not (c.used or c.rejected):
-            return 'no profiles arrived'
+            return 'no profiles arrived' + (f' (refused: {self.refusal})' if self.refusal else '')
         if c.used == 0 and c.empty == c.rejected:
             return f'all {c.empty} profiles are drop-outs: the scanner saw nothing'
         if c.used == 0:
