@@ -476,7 +476,8 @@ def test_an_old_stamp_and_a_text_are_no_temperature(graph):
     assert g.got and all(math.isnan(m.temperature) for m in g.got)
 
 
-def test_without_a_source_the_node_does_not_start():
+def test_with_a_source_that_is_none_the_node_does_not_start():
     env = {**os.environ, 'ROS_DOMAIN_ID': str(fresh_domain())}
-    done = subprocess.run(NODE, env=env, capture_output=True, text=True, timeout=60)
+    command = [*NODE, '--ros-args', '-p', 'source:=i2c:1']
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and 'is no pyrometer' in done.stderr

@@ -46,7 +46,7 @@ class PyrometerParams:
     """An instrument of 0.1 K on a serial port that speaks by itself."""
 
     source: str = param(
-        '',
+        'serial:/dev/pyrometer',
         'serial:/dev/..., modbus:/dev/... (RTU), modbus:HOST:PORT (TCP), or topic:NAME of a driver',
     )
     baud: int = param(9600, 'of a serial port', 'Bd', 300, 4000000)
