@@ -98,3 +98,8 @@ def test_the_arm_of_a_urdf_is_taken(tmp_path):
     posture = tuple(usual.joints(tip)[0].tolist())
     params = RobotParams(urdf=str(tmp_path / 'arm.urdf'), joint_names=names, posture=posture)
     assert np.abs(station_of(params).joints(tip) - usual.joints(tip)).max() < 1e-7
+
+
+def test_a_robot_has_no_gantry():
+    with pytest.raises(ParameterError, match="'envelope_x' is of a gantry; a robot has work_low"):
+        from_dict(RobotParams, {'envelope_x': 1.0})
