@@ -131,7 +131,7 @@ def _finished(
     return (
         finish.for_machining(settings, allowance),
         above,
-        [ahead.text(allowance, given, more.any())],
+        [ahead.text(allowance, given, bool(more.any()))],
     )
 
 
