@@ -125,8 +125,11 @@ build() {
     export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
     unset PYTHONPATH COLCON_PREFIX_PATH
     # CMake refuses a build folder of a package that has moved
-    sed -n 's|^CMAKE_HOME_DIRECTORY:INTERNAL=||p' waam_ws/build/*/CMakeCache.txt 2>/dev/null | while read -r from; do
-        [ -d "$from" ] || rm -rf "waam_ws/build/${from##*/}"
+    local cache from
+    for cache in waam_ws/build/*/CMakeCache.txt; do
+        [ -e "$cache" ] || continue
+        from=$(sed -n 's|^CMAKE_HOME_DIRECTORY:INTERNAL=||p' "$cache")
+        [ -d "$from" ] || rm -rf "$(dirname "$cache")"
     done
     # vendor: packages that no wheel brings; colcon alone passes it by, for a full ROS installation has them
     (cd waam_ws && colcon --log-level error build --base-paths src vendor/* --symlink-install --continue-on-error --parallel-workers 2 \
