@@ -297,10 +297,11 @@ def _pictures(c: Campaign, maps: bands.Maps | None) -> str:
 
 
 def _jobs(c: Campaign) -> str:
-    head = ['seed', 'verdict', *(f'{r.label}, {r.unit}' for r in ROWS), 'layers', 'fallbacks', '']
+    shown = [r for r in ROWS if any(math.isfinite(getattr(x, r.name)) for x in c.results)]
+    head = ['seed', 'verdict', *(f'{r.label}, {r.unit}' for r in shown), 'layers', 'fallbacks', '']
     rows = []
     for r in c.results:
-        figures = [fmt(getattr(r, row.name) * row.factor, row.digits) for row in ROWS]
+        figures = [fmt(getattr(r, row.name) * row.factor, row.digits) for row in shown]
         said = r.message if r.failed else ''
         rows.append([r.seed, r.verdict, *figures, r.layers, r.fallbacks, said])
     flagged = {i for i, r in enumerate(c.results) if not r.in_tolerance}

@@ -117,7 +117,7 @@ def test_a_driver_that_lags_is_told_before_the_arc(tmp_path):
         cell.close()
 
 
-@pytest.mark.parametrize('delay,offset', [(0.0, 0.05), (0.08, 0.0), (0.08, -0.05), (0.04, 0.05)])
+@pytest.mark.parametrize('delay,offset', [(0.0, 0.05), (0.06, 0.0), (0.06, -0.05), (0.04, 0.05)])
 def test_goals_that_come_late_or_by_another_clock_are_taken(tmp_path, delay, offset):
     """A JointTrajectoryController refuses a goal that has ended by its clock, also one that only stands."""
     cell = Cell(tmp_path, delay=delay, offset=offset)
