@@ -7,11 +7,12 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from waam_process.verdicts import FAILED, GOOD, REJECTED
+
 from .values import mapping, number, ratio
 
 Row = dict[str, Any]
 JOULE_PER_KWH = 3.6e6
-GOOD, REJECTED = ('in tolerance', 'cleans up'), ('out of tolerance', 'does not clean up', 'failed')
 GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'loop_mode', 'month')
 
 
@@ -80,7 +81,7 @@ def key_figures(jobs: list[Row], prices: Prices | None = None) -> Row:
     found: Row = {
         'jobs': len(jobs),
         'in_tolerance': sum(j.get('verdict') in GOOD for j in jobs),
-        'failed': sum(j.get('verdict') == 'failed' for j in jobs),
+        'failed': sum(j.get('verdict') == FAILED for j in jobs),
         'metal_kg': _sum(jobs, 'metal_kg'),
         'wire_kg': _sum(jobs, 'wire_kg'),
         'hours': _scaled(_sum(jobs, 'duration_s'), 1 / 3600),
@@ -139,7 +140,7 @@ def _weighted(jobs: list[Row], name: str, weight: str) -> float | None:
 
 def _rejected(jobs: list[Row]) -> float | None:
     """Of the jobs that were judged or failed, those that are not good."""
-    judged = [j for j in jobs if j.get('verdict') in (*GOOD, *REJECTED)]
+    judged = [j for j in jobs if j.get('verdict') in (*GOOD, *REJECTED, FAILED)]
     return ratio(sum(j['verdict'] not in GOOD for j in judged), len(judged))
 
 

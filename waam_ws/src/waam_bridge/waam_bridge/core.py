@@ -71,7 +71,7 @@ class Bridge(Machine):
         link = self.link
         self.standoff.met(self)
         self.temperature.met(self)
-        self.gantry.met()
+        self.gantry.met(self)
         if link.connects > 1:
             who = (
                 'the controller has restarted' if restarted else 'another host used the controller'

@@ -10,13 +10,9 @@ import math
 
 from waam_process.units import to_mm
 
-from . import requests
-from .frames import ALARM, IDLE
 from .machine import Machine
-from .outbox import FAULT
 from .params import BridgeParams
-from .program import number
-from .settings import NOT_NOW, Setting
+from .settings import ControllerSettings, Setting
 
 CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
 STEPS, SPEED, ENVELOPE = 'steps_per_mm_', 'max_speed_', 'envelope_'
@@ -58,57 +54,40 @@ def parse(text: str) -> dict[str, float]:
         return {}
 
 
-class Gantry:
+class Gantry(ControllerSettings):
     """`problem`: why the controller must not move as it is, '' = it has what the parameters say."""
 
+    name, class_name = 'gantry', 'motion'
+
     def __init__(self, params: BridgeParams) -> None:
+        super().__init__([])
         self._want = wanted(params)
-        self._left: list[Setting] = []
-        self._asked = self._agreed = self._sent = False
-        self._refused = ''
+        self._agreed = self._sent = False
 
     @property
     def problem(self) -> str:
         """See the class."""
         if self.settled:
             return self._refused
-        return 'the settings of the gantry are not in the controller yet'
+        return f'the settings of the {self.name} are not in the controller yet'
 
     @property
     def settled(self) -> bool:
         """Nothing is left to ask or send."""
         return not self._want or self._agreed or bool(self._refused)
 
-    def met(self) -> None:
-        """A controller that may have other settings."""
+    @property
+    def due(self) -> bool:
+        """See ControllerSettings."""
+        return not self.settled
+
+    def met(self, machine: Machine) -> None:
+        """See ControllerSettings."""
         self._left, self._refused = [], ''
         self._asked = self._agreed = self._sent = False
 
-    def poll(self, machine: Machine, now: float) -> None:
-        """Asks and sends what is due when the controller can take it."""
-        if self.settled or self._asked or machine.queued or machine.state not in (IDLE, ALARM):
-            return
-        left = self._left
-        self._asked = True
-
-        def done(code: int, text: str) -> None:
-            if self._left is not left:  # of a controller before this one
-                return
-            self._asked = False
-            if code == requests.REFUSED and NOT_NOW not in text:
-                what = (
-                    f'setting {left[0][0]} of the gantry' if left else 'the settings of the gantry'
-                )
-                self._refuse(machine, f'{what}: {text}')
-            elif code == requests.OK and left:
-                self._left = left[1:]
-            elif code == requests.OK:
-                self._compare(machine, text)
-
-        line = f'{left[0][0]} {number(left[0][1], 3)}' if left else ''
-        machine.link.ask('C', line, done, now)
-
-    def _compare(self, machine: Machine, text: str) -> None:
+    def told(self, machine: Machine, text: str) -> None:
+        """Compares; what differs is sent once."""
         told = parse(text)
         if not told.keys() >= set(NAMES):
             self._refuse(machine, f"the controller does not tell the gantry's settings: '{text}'")
@@ -123,7 +102,3 @@ class Gantry:
         low = machine.link.who.limits_mm[:3]
         machine.link.reaches((*low, *(told[ENVELOPE + axis] for axis in 'xyz')))
         machine.outbox.changed = True
-
-    def _refuse(self, machine: Machine, text: str) -> None:
-        self._refused = text
-        machine.notice(FAULT, 'motion', text, 'none')

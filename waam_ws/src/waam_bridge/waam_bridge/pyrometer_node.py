@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float32, Float64
 
@@ -30,45 +29,37 @@ KINDS = {
 
 
 class Relay:
-    """Another node's topic, read with the quality of service that its publishers offer. `take` gets every reading."""
+    """Another node's topic, whatever its quality of service. `take` gets every reading."""
 
     def __init__(self, node: PyrometerNode, topic: str, take: Callable[[Reading], None]) -> None:
         self._node, self._take = node, take
         self._topic = node.resolve_topic_name(topic)
         if self._topic == node.resolve_topic_name(NAME):
             raise ValueError(f"parameter 'source': {self._topic} is what this node publishes")
-        self._offered: tuple[Any, ...] = ()
+        self._kinds: list[str] = []
         self._subscription: Any = None
 
     def look(self) -> str:
-        """Subscribes anew when the publishers have changed. '' or why there is nothing to subscribe to."""
+        """Subscribes anew when the type has changed. '' or why there is nothing to subscribe to."""
         found = self._node.get_publishers_info_by_topic(self._topic)
         if not found:
             return f'nobody publishes {self._topic}'
         kinds = sorted({i.topic_type for i in found})
-        reliable = all(i.qos_profile.reliability == ReliabilityPolicy.RELIABLE for i in found)
-        kept = all(i.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for i in found)
-        offered = (*kinds, reliable, kept)
-        if offered == self._offered:
+        if kinds == self._kinds:
             return ''
         self._drop()
         if len(kinds) > 1 or kinds[0] not in KINDS:
             return f'{self._topic} is {", ".join(kinds)}, none of {", ".join(KINDS)}'
-        profile = QoSProfile(
-            depth=10,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
-        )
         kind = KINDS[kinds[0]]
         on = self._on_temperature if kind is Temperature else self._on_number
-        self._subscription = self._node.create_subscription(kind, self._topic, on, profile)
-        self._offered = offered
+        self._subscription = self._node.create_subscription(kind, self._topic, on, qos.SENSOR)
+        self._kinds = kinds
         return ''
 
     def _drop(self) -> None:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
-        self._offered, self._subscription = (), None
+        self._kinds, self._subscription = [], None
 
     def _on_temperature(self, msg: Temperature) -> None:
         stamp = msg.header.stamp.sec + msg.header.stamp.nanosec * 1e-9

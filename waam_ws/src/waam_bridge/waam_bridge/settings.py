@@ -1,4 +1,4 @@
-"""Settings that this end brings into the controller: the standoff control, the temperature of the part. Pure.
+"""Settings that this end brings into the controller: gantry, standoff control, temperature of the part. Pure.
 
 The controller keeps them until it loses its power, so they are sent whenever a controller is met that may have others.
 They are taken only in IDLE or ALARM with an empty queue.
@@ -65,24 +65,35 @@ class ControllerSettings:
         if not self.on and not self._left:
             self._left = list(self._all)
 
+    @property
+    def due(self) -> bool:
+        """Whether there is something to ask or send."""
+        return bool(self._left) and not self._refused
+
     def poll(self, machine: Machine, now: float) -> None:
-        """Sends the next setting when the controller can take it."""
-        waits = self._asked or not self._left or self._refused
-        if waits or machine.queued or machine.state not in (frames.IDLE, frames.ALARM):
+        """Sends the next setting, or asks for all, when the controller can take it."""
+        idle = machine.state in (frames.IDLE, frames.ALARM) and not machine.queued
+        if not self.due or self._asked or not idle:
             return
-        name, value = self._left[0]
         self._asked, sent = True, self._left
 
         def done(code: int, text: str) -> None:
             if self._left is not sent:  # an answer to settings that were replaced meanwhile
                 return
             self._asked = False
-            if code == requests.OK:
-                self._left = self._left[1:]
+            if code == requests.OK and sent:
+                self._left = sent[1:]
+            elif code == requests.OK:
+                self.told(machine, text)
             elif code == requests.REFUSED and NOT_NOW not in text:
-                self._refuse(machine, f'setting {name} of the {self.name}: {text}')
+                which = f'setting {sent[0][0]}' if sent else 'the settings'
+                self._refuse(machine, f'{which} of the {self.name}: {text}')
 
-        machine.link.ask('C', f'{name} {number(value, 5)}', done, now)
+        line = f'{sent[0][0]} {number(sent[0][1], 5)}' if sent else ''
+        machine.link.ask('C', line, done, now)
+
+    def told(self, machine: Machine, text: str) -> None:
+        """The controller's answer to the question for all settings."""
 
     def _refuse(self, machine: Machine, text: str) -> None:
         self._refused = text

@@ -45,9 +45,7 @@ class Settings:
     without: tuple[str, ...] = ()
     machine: str = GANTRY  # or another of MACHINES
     preset: str = DEFAULT_PRESET  # of PRESETS: how rough the simulated cell is
-    pyrometer: str = (
-        ''  # of a real cell: one of TEMPERATURE_INPUTS, or a source of the node pyrometer
-    )
+    pyrometer: str = ''  # of a real cell: one of TEMPERATURE_INPUTS, or a source of its node
 
     @property
     def simulated(self) -> bool:

@@ -230,10 +230,5 @@ def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:
         if code == RunJob.Result.ABORTED:
             return 130
         return 2 if code in REFUSED else 1
-    verdict = '; in tolerance' if result.in_tolerance else '; out of tolerance'
-    if (
-        math.isnan(result.rms) or 'clean' in result.message
-    ):  # nothing could be judged; the message says why
-        verdict = ''
-    print(f'done: {result.layers} layers, {result.message}{verdict}')
+    print(f'done: {result.layers} layers, {result.message}')
     return 0

@@ -13,6 +13,7 @@ import numpy as np
 from waam_job.model.goal import JobGoal
 from waam_process.grid import GridSpec
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY
+from waam_process.verdicts import GOOD
 from waam_sim.plant import PlantParams
 
 from .params import Overrides
@@ -130,7 +131,7 @@ class LabResult:
     @property
     def in_tolerance(self) -> bool:
         """Of the judged area; with finish machined: it cleans up."""
-        return self.verdict in ('in tolerance', 'cleans up')
+        return self.verdict in GOOD
 
     @property
     def mean_size(self) -> float:

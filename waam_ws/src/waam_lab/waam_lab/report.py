@@ -13,6 +13,7 @@ import numpy as np
 
 from waam_job.store.folder import clean
 from waam_node.files import write_atomically
+from waam_process.verdicts import IN_TOLERANCE
 from waam_view.html import cards, duration, escape, fmt, page, picture, table
 
 from . import bands, layouts, pictures
@@ -31,7 +32,6 @@ class Row:
     more_is_better: bool = False
 
 
-MACHINED = 'finish=machined'
 ROWS = (
     Row('rms', 'RMS height error'),
     Row('rms_edges', '... rim included'),
@@ -77,7 +77,8 @@ class Campaign:
     @property
     def word(self) -> str:
         """What good jobs do."""
-        return 'clean up' if MACHINED in self.job.goal.plan_settings else 'in tolerance'
+        machined = any(math.isfinite(r.clean_share) for r in self.results)
+        return 'clean up' if machined else IN_TOLERANCE
 
     @property
     def by(self) -> str:

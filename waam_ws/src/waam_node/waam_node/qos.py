@@ -19,9 +19,7 @@ def _profile(depth: int, reliable: bool = True, latched: bool = False) -> QoSPro
 LATCHED = _profile(1, latched=True)  # late joiners see the last one
 EVENTS = _profile(100)  # segment_done, anomaly, layer_report: none may be missed
 TELEMETRY = _profile(1000)  # 100 Hz or 1 kHz; recorded, so reliable
-SENSOR = _profile(
-    1000, reliable=False
-)  # devices' drivers: matches their reliable and best effort; for bursts
+SENSOR = _profile(1000, reliable=False)  # drivers, which may be best effort; for their bursts
 PROFILES = _profile(50)  # batches of profiles, up to a megabyte each
 BEAT = _profile(10)  # lease_tick, heartbeat, link_status, weld_command
 NEWEST = _profile(1)  # override: only the newest counts

@@ -88,16 +88,16 @@ def test_more_is_laid_along_free_sides(worn_block):
     above = plan.final_target - nominal.z
     row, cols = found.spec.rows // 2, np.flatnonzero(np.isfinite(nominal.z[found.spec.rows // 2]))
     base = plan.settings.allowance
-    assert above[row, cols[0]] == pytest.approx(base + finish.SIDES, abs=0.1e-3)
+    assert above[row, cols[0]] == pytest.approx(base + finish.SIDE_EXTRA, abs=0.1e-3)
     assert above[row, cols[len(cols) // 2]] == pytest.approx(base, abs=1e-6)
-    assert np.nanmax(above) > base + 1.2 * finish.SIDES  # at a corner
-    assert plan.settings.overrun == finish.OVER_SIDES
+    assert np.nanmax(above) > base + 1.2 * finish.SIDE_EXTRA  # at a corner
+    assert plan.settings.overrun == finish.MIN_OVERRUN
 
 
 def test_the_smallest_allowance_with_its_chance():
     ahead = finish.forecast(1e-3)
-    assert ahead.chance(ahead.allowance) == pytest.approx(finish.CHANCE, abs=0.01)
-    assert ahead.chance(ahead.allowance - 0.02e-3) < finish.CHANCE
+    assert ahead.chance(ahead.allowance) == pytest.approx(finish.CLEAN_UP_PROBABILITY, abs=0.01)
+    assert ahead.chance(ahead.allowance - 0.02e-3) < finish.CLEAN_UP_PROBABILITY
     assert ahead.chance(ahead.depth) == pytest.approx(0.5) and ahead.chance(0.0) == 0.0
     assert finish.forecast(2e-3).allowance > 1.9 * ahead.allowance
 

@@ -19,21 +19,23 @@ from waam_plan.settings import FINISHES, PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
 
 AS_LAID, MACHINED = FINISHES
-NEED = 0.1e-3  # m, less is the noise and the level of a scan
-NARROWEST = (
-    1.0  # cells, half of the narrowest needed place: a wall that lies a cell aside is no metal
+MIN_MISSING = 0.1e-3  # m, less is the noise and the level of a scan
+MIN_HALF_WIDTH = 1.0  # cells of a needed place: a wall that lies a cell aside is no metal
+CLEAN_SHARE = 0.995  # of the needed area that must be at or above nominal to clean up
+CLEAN_UP_PROBABILITY = 0.95  # with which the chosen allowance cleans up
+RUN_OUT_WIDTHS = (
+    0.5  # bead widths that metal is laid beyond the needed area, over what stands there
 )
-SHARE = 0.995  # of the needed area that must be at or above nominal to clean up
-CHANCE = 0.95  # with which the chosen allowance cleans up
-RUN_OUT = 0.5  # bead widths that metal is laid beyond the needed area, over what stands there
-STEP = 1.0e-3  # m between neighbouring cells: run-outs end there, and lower ground beyond one is a free side
-OVER_SIDES = 2.2e-3  # m that metal is laid over free sides at least
-NARROW = 5 / 6  # of the usual bead width: narrower beads leave shallower valleys
-RELATIVE_RMS = 0.16  # RMS error over the thickness of the last layer, on the preset `recorded`
-TAIL = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
-SPREAD = 0.25  # standard deviation of the logarithm of that depth
-SIDES = 0.6e-3  # m more along free sides, where melt runs down; fades out within
-REACH = 3.0e-3  # m of them
+MIN_STEP = 1.0e-3  # m between neighbouring cells: run-outs end there, and lower ground beyond one is a free side
+MIN_OVERRUN = 2.2e-3  # m that metal is laid over free sides at least
+BEAD_WIDTH_RATIO = 5 / 6  # of the usual bead width: narrower beads leave shallower valleys
+RMS_OVER_THICKNESS = (
+    0.16  # RMS error over the thickness of the last layer, on the preset `recorded`
+)
+TAIL_OVER_RMS = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
+LOG_DEPTH_SIGMA = 0.25  # standard deviation of the logarithm of that depth
+SIDE_EXTRA = 0.6e-3  # m more along free sides, where melt runs down; fades out within
+SIDE_FADE = 3.0e-3  # m of them
 
 
 @dataclass(frozen=True)
@@ -46,35 +48,42 @@ class Forecast:
         """Probability that the part cleans up with so much (m) laid on top of nominal."""
         if allowance <= 0:
             return 0.0
-        return float(norm.cdf(math.log(allowance / self.depth) / SPREAD))
+        return float(norm.cdf(math.log(allowance / self.depth) / LOG_DEPTH_SIGMA))
 
     @property
     def allowance(self) -> float:
-        """The smallest one, m in hundredths of a millimetre, that cleans up with CHANCE."""
-        return math.ceil(self.depth * math.exp(SPREAD * norm.ppf(CHANCE)) * 1e5) * 1e-5
+        """The smallest one, m in hundredths of a millimetre, that cleans up with CLEAN_UP_PROBABILITY."""
+        return (
+            math.ceil(self.depth * math.exp(LOG_DEPTH_SIGMA * norm.ppf(CLEAN_UP_PROBABILITY)) * 1e5)
+            * 1e-5
+        )
 
     def text(self, allowance: float, given: bool, sides: bool) -> str:
         """For a person. given: by them; sides: whether some of the needed area lies along free sides."""
         said = f'machining allowance {allowance * 1e3:.2f} mm, {"as given" if given else "chosen"}'
         if sides and not given:
-            said += f', {SIDES * 1e3:.1f} mm more along free sides'
-        said += (
-            f': inside the part {SHARE:.1%} clean up with a chance of {self.chance(allowance):.0%}'
+            said += f', {SIDE_EXTRA * 1e3:.1f} mm more along free sides'
+        said += f': inside the part {CLEAN_SHARE:.1%} clean up with a chance of {self.chance(allowance):.0%}'
+        return (
+            f'{said} ({self.allowance * 1e3:.2f} mm for {CLEAN_UP_PROBABILITY:.0%})'
+            if given
+            else said
         )
-        return f'{said} ({self.allowance * 1e3:.2f} mm for {CHANCE:.0%})' if given else said
 
 
 def forecast(last_layer: float) -> Forecast:
     """last_layer: its thickness, m."""
-    return Forecast(TAIL * RELATIVE_RMS * last_layer)
+    return Forecast(TAIL_OVER_RMS * RMS_OVER_THICKNESS * last_layer)
 
 
 def along_sides(needed: np.ndarray, nominal: HeightGrid) -> np.ndarray:
-    """m of metal more than the allowance: SIDES at a straight free side of the needed area, half as much again at a
-    corner, fading out within REACH."""
+    """m of metal more than the allowance: SIDE_EXTRA at a straight free side of the needed area, half as much again at
+    a corner, fading out within SIDE_FADE."""
     free = free_sides(needed, nominal.z)
-    near = ndimage.gaussian_filter(free * 1.0, REACH / 2 / nominal.spec.resolution, mode='nearest')
-    return 2.0 * SIDES * near
+    near = ndimage.gaussian_filter(
+        free * 1.0, SIDE_FADE / 2 / nominal.spec.resolution, mode='nearest'
+    )
+    return 2.0 * SIDE_EXTRA * near
 
 
 @dataclass(frozen=True)
@@ -101,10 +110,10 @@ class Unlaid:
 def needed_area(found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
     """bool: where metal is missing, whether or not a bead can lay it. NaN: not seen (as its neighbours), off the part.
 
-    Not steep faces, where a height says nothing, and not what is narrower than NARROWEST.
+    Not steep faces, where a height says nothing, and not what is narrower than MIN_HALF_WIDTH.
     """
-    missing = np.nan_to_num(nominal.z - masks.fill_unknown(found.z), nan=0.0) > NEED
-    return masks.drop_slivers(missing, NARROWEST) & ~masks.flanks(
+    missing = np.nan_to_num(nominal.z - masks.fill_unknown(found.z), nan=0.0) > MIN_MISSING
+    return masks.drop_slivers(missing, MIN_HALF_WIDTH) & ~masks.flanks(
         nominal.z, nominal.spec.resolution
     )
 
@@ -123,27 +132,31 @@ def unlaid(needed: np.ndarray, region: np.ndarray, missing: np.ndarray, spec: Gr
 
 def with_run_out(needed: np.ndarray, nominal: np.ndarray, cells: int) -> np.ndarray:
     """bool: the needed area and what lies within so many cells of it on the same face of the part (nominal, m)."""
-    out = needed.copy()
+    out = np.pad(needed, 1)
+    face = np.pad(
+        nominal, 1, constant_values=np.nan
+    )  # nothing is level with what lies beyond the grid
+    ways = ((0, 1), (0, -1), (1, 1), (1, -1))
+    level = [np.abs(face - np.roll(face, step, axis)) < MIN_STEP for axis, step in ways]
     for _ in range(cells):
-        for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
-            rise = np.abs(nominal - np.roll(nominal, step, axis))  # NaN beside the part
-            out |= np.roll(out, step, axis) & (rise < STEP)
-    return out
+        for (axis, step), same_face in zip(ways, level, strict=True):
+            out |= np.roll(out, step, axis) & same_face
+    return out[1:-1, 1:-1]
 
 
 def free_sides(on: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """bool: cells off the part (nominal, m, NaN) or lower on it that begin beside `on` with more than STEP."""
+    """bool: cells off the part (nominal, m, NaN) or lower on it that begin beside `on` with more than MIN_STEP."""
     near = masks.spread(np.where(on, nominal, 0.0), on, np.ones_like(on))
-    lower = ~on & ~(near - nominal <= STEP)
+    lower = ~on & ~(near - nominal <= MIN_STEP)
     free: np.ndarray = ndimage.binary_propagation(lower & ndimage.binary_dilation(on), mask=lower)
     return free
 
 
 def for_machining(settings: PlanSettings, allowance: float) -> PlanSettings:
     """Settings of a restoration that is machined afterwards. allowance: m."""
-    return replace(settings, allowance=allowance, overrun=max(settings.overrun, OVER_SIDES))
+    return replace(settings, allowance=allowance, overrun=max(settings.overrun, MIN_OVERRUN))
 
 
 def bead_width(usual: float, finish: str) -> float:
     """m, of a job that does not say it; usual: of the material, m."""
-    return usual * NARROW if finish == MACHINED else usual
+    return usual * BEAD_WIDTH_RATIO if finish == MACHINED else usual

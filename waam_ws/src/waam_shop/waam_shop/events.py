@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from waam_process.verdicts import DOES_NOT_CLEAN_UP, REJECTED
+
 DONE, PAUSED, ALARM = 'done', 'paused', 'alarm'
 OUT_OF_TOLERANCE, LOW_WIRE, TEST = 'out_of_tolerance', 'low_wire', 'test'
 KINDS = (DONE, PAUSED, ALARM, OUT_OF_TOLERANCE, LOW_WIRE)
 SEVERE = 2  # alarms from this severity on: fault, alarm
-REJECTED = {'out of tolerance': 'is out of tolerance', 'does not clean up': 'does not clean up'}
 ENDED = {'DONE': 'done', 'FAILED': 'failed', 'ABORTED': 'aborted'}
 
 
@@ -57,8 +58,10 @@ class Watch:
         if not verdict or job in self._judged:
             return []
         self._judged.add(job)
-        told = [f'{job} {said}.' for word, said in REJECTED.items() if verdict.startswith(word)]
-        return [Event(OUT_OF_TOLERANCE, job, text) for text in told]
+        if verdict not in REJECTED:
+            return []
+        said = verdict if verdict == DOES_NOT_CLEAN_UP else f'is {verdict}'
+        return [Event(OUT_OF_TOLERANCE, job, f'{job} {said}.')]
 
     def wire(self, spool: str, left: float, warn_below: float) -> list[Event]:
         """left, warn_below: m of wire; tells once for each spool (job) that runs low."""

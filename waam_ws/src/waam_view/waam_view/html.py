@@ -8,10 +8,12 @@ import math
 from collections.abc import Set as AbstractSet
 from typing import Any
 
+from waam_process import verdicts
+
 VERDICTS = {  # class of the box of a verdict; others are bad
-    'in tolerance': 'ok', 'cleans up': 'ok', 'out of tolerance': 'warn', 'does not clean up': 'warn',
-    'not judged': 'warn',
-}  # fmt: skip
+    **dict.fromkeys(verdicts.GOOD, 'ok'),
+    **dict.fromkeys((*verdicts.REJECTED, verdicts.NOT_JUDGED), 'warn'),
+}
 STYLE = """
 :root{--ink:#1f2933;--soft:#5f6b7a;--line:#d9dde2;--ok:#23833f;--bad:#c23b31;--warn:#b26a00}
 *{box-sizing:border-box}

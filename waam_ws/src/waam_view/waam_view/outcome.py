@@ -6,6 +6,7 @@ from typing import Any
 
 from waam_process.loop_mode import LoopMode
 from waam_process.operating import PRESETS
+from waam_process.verdicts import IN_TOLERANCE, OUT_OF_TOLERANCE
 
 from .job_data import number
 
@@ -22,9 +23,9 @@ def outcome(report: dict[str, Any]) -> str:
         f'{share:.1%} of the judged area are within ±{number(report.get("tolerance_mm")):g} mm, RMS {rms:.3f} mm, '
         f"on the simulated cell '{preset}' ({PRESETS.get(preset, 'of another version')})"
     )
-    if verdict == 'in tolerance':
+    if verdict == IN_TOLERANCE:
         return f'The part is in tolerance: {figures}.'
-    if verdict != 'out of tolerance':
+    if verdict != OUT_OF_TOLERANCE:
         return ''
     said = f'The part is OUT OF TOLERANCE: only {figures}. Nothing has failed: that is what the loop leaves there.'
     if preset == 'gentle':

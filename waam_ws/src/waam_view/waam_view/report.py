@@ -120,7 +120,7 @@ def verdict_box(job: Job) -> str:
     if why:
         said.append(why)
     if run.get('message') and run['message'] != verdict:
-        said.append(str(run['message']))
+        said.append(str(run['message']).removeprefix(f'{word}: '))
     words = escape('. '.join(s.rstrip('.') for s in said))
     return f'<div class="verdict {style}">{escape(word.upper())}<small>{words}</small></div>'
 

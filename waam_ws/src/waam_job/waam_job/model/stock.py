@@ -17,7 +17,7 @@ class Stock:
     """Lengths in m; NaN where nothing was seen."""
 
     share: (
-        float  # of the needed area at or above nominal, 0..1; not laid and not seen counts as below
+        float  # of the needed area at or above nominal, 0..1; what is not laid or not seen is below
     )
     below: float  # m, of the lowest place below nominal; 0 = none
     x: float  # m, of that place
@@ -30,7 +30,7 @@ class Stock:
     @property
     def cleans_up(self) -> bool:
         """Enough of the needed area is at or above nominal."""
-        return self.share >= finish.SHARE
+        return self.share >= finish.CLEAN_SHARE
 
     @property
     def text(self) -> str:

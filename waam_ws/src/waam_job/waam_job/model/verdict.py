@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 from waam_plan.finish import Unlaid
+from waam_process import verdicts
 
 from .geometry import Deviation
 from .overrun import Overrun
@@ -66,12 +67,12 @@ class Verdict:
 
     def _word(self, good: bool) -> str:
         if self.final is None:
-            return 'failed'
+            return verdicts.FAILED
         if self.not_judged:
-            return f'not judged: {self.not_judged}'
+            return f'{verdicts.NOT_JUDGED}: {self.not_judged}'
         if self.stock is not None:
-            return 'cleans up' if self.stock.cleans_up else 'does not clean up'
-        return 'in tolerance' if good else 'out of tolerance'
+            return verdicts.CLEANS_UP if self.stock.cleans_up else verdicts.DOES_NOT_CLEAN_UP
+        return verdicts.IN_TOLERANCE if good else verdicts.OUT_OF_TOLERANCE
 
     @property
     def text(self) -> str:
@@ -82,11 +83,11 @@ class Verdict:
         within = f'{share:.1f} % of the judged area within +-{self.tolerance * 1e3:.2f} mm'
         all_of_it = f'{self.final.rms_all * 1e3:.3f} mm, {self.final.share_all * 100:.1f} %'
         if self.stock is not None:
-            text = f'{self.word}: {self.stock.text}; RMS from what was aimed at {rms:.3f} mm'
+            text = f'{self.stock.text}; RMS from what was aimed at {rms:.3f} mm'
         else:
             text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
         if math.isfinite(self.overrun.max):
             text += f'; {self.overrun.max * 1e3:.1f} mm over the sides'
         if self.unlaid is not None and self.unlaid.area:
             text += f'; {self.unlaid.text}'
-        return text
+        return f'{self.word}: {text}'

@@ -56,8 +56,9 @@ def plan_restoration(
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
-        cells = math.ceil(finish.RUN_OUT * settings.bead_width / nominal.spec.resolution)
-        depth = np.where(finish.with_run_out(needed, nominal.z, cells), depth, 0.0 * depth)
+        cells = math.ceil(finish.RUN_OUT_WIDTHS * settings.bead_width / nominal.spec.resolution)
+        near = finish.with_run_out(needed, nominal.z, cells)
+        depth = np.where(near | np.isnan(depth), depth, 0.0)
     schedule = choose_schedule(depth, settings)
     count = layer_count(depth, schedule, settings, nominal.spec.resolution)
     total = int(count.max(initial=0))
