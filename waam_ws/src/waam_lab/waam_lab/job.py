@@ -121,7 +121,6 @@ class LabResult:
     # variance of the true current, power and heat input over the square of their means, in steady travel, of means over
     # 0.5 s and of single values every 10 ms
     process_variance: Mapping[str, float] = field(default_factory=dict)
-    process_variance_raw: Mapping[str, float] = field(default_factory=dict)
     # m, by layer: mean true width of the pool in steady travel
     bead_widths: Mapping[int, float] = field(default_factory=dict)
     arcs_lost: int = 0  # arcs that went out although they were wanted

@@ -63,7 +63,6 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
                 contact_least=seen.least,
                 arcs_lost=seen.lost,
                 process_variance=cell.process.variance(),
-                process_variance_raw=cell.process.variance(1),
                 bead_widths=cell.process.widths,
                 scan_time=cell.spent.get(State.SCANNING, 0.0),
             )

@@ -17,6 +17,7 @@ from robot_read_fanuc import read_ls
 
 from waam_plan.gcode.compact import circle, compact, fragments, saving
 from waam_plan.gcode.program import with_base_feed
+from waam_plan.layers import build
 from waam_plan.layers.build import plan_build
 from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
@@ -149,10 +150,11 @@ def test_saving_of_nothing_but_idle_moves_and_single_pieces_is_none():
     assert saving(layer, fragments(layer)).share == 0.0
 
 
-def test_repeated_layers_equal_layers_planned_one_by_one(prism, tmp_path):
+def test_repeated_layers_equal_layers_planned_one_by_one(prism, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, 'SAME_SECTION', -1.0)  # nothing is repeated
     file = tmp_path / 'prism.stl'
     trimesh.creation.cylinder(radius=22, height=20, sections=96).export(file)
-    alone = plan_build(load_part(file), PlanSettings(machine_max=S.machine_max, growth_step=0.0), 4)
+    alone = plan_build(load_part(file), PlanSettings(machine_max=S.machine_max), 4)
     for a, b in zip(alone.layers, prism.layers, strict=False):
         for s, t in zip(a.deposits, b.deposits, strict=True):
             assert math.dist(s.start, t.start) < 1e-9 and math.dist(s.end, t.end) < 1e-9
@@ -187,10 +189,11 @@ def waiting(tmp_path_factory):
     return plan_build(load_part(file), lit)
 
 
-def test_repeated_layers_are_put_out_once(waiting, tmp_path):
+def test_repeated_layers_are_put_out_once(waiting, tmp_path, monkeypatch):
+    monkeypatch.setattr(build, 'SAME_SECTION', -1.0)
     file = tmp_path / 'box.stl'
     trimesh.creation.box(extents=(30, 24, 8)).export(file)
-    alone = plan_build(load_part(file), replace(waiting.settings, growth_step=0.0))
+    alone = plan_build(load_part(file), waiting.settings)
     for a, b in zip(alone.layers, waiting.layers, strict=True):
         for s, t in zip(a.segments, b.segments, strict=True):
             assert (s.kind, s.arc, s.layer) == (t.kind, t.arc, t.layer)

@@ -107,12 +107,8 @@ def verdict_box(job: Job) -> str:
     said = []
     if np.isfinite(share) and '%' not in str(run.get('message')) and not run.get('stock'):
         said.append(f'{100 * share:.1f} % of the judged surface within ±{job.tolerance_mm:g} mm')
-    if (
-        run.get('verdict_with_rim')
-        and not run.get('stock')
-        and not why
-        and not run.get('error_code')
-    ):
+    told = run.get('error_code') or 'with the rim' in str(run.get('message'))
+    if run.get('verdict_with_rim') and not run.get('stock') and not why and not told:
         rim = 100 * number(run.get('share_all_in_tolerance'))
         said.append(f'with the rim {rim:.1f} %: {run["verdict_with_rim"]}')
     if run.get('error_code'):

@@ -25,6 +25,8 @@ from waam_process.grid import GridSpec, HeightGrid
 
 MAP_BUDGET = 24_000_000  # cells times layers that a plan may hold; larger parts get a coarser grid
 
+SAME_SECTION = 1e-6  # m, by which sections may differ and still be filled once
+
 
 def plan_build(
     part: Part,
@@ -188,7 +190,7 @@ def _layers(
     safe_z: float,
     settings: PlanSettings,
 ) -> list[PlannedLayer]:
-    """Layers from the bottom. One with the section of the layer two below (growth_step) repeats its path."""
+    """Layers from the bottom. One with the section of the layer two below repeats its path."""
     out: list[PlannedLayer] = []
     references: dict[
         int, tuple[Section, PlannedLayer]
@@ -213,7 +215,7 @@ def _layers(
 
 
 def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
-    """Whether two sections differ by at most growth_step and are filled alike.
+    """Whether two sections differ by at most SAME_SECTION and are filled alike.
 
     Layers with closed lines (whose seam moves), as around a hole, and a turning angle never repeat.
     """
@@ -226,7 +228,7 @@ def _same(a: Section, b: Section, settings: PlanSettings) -> bool:
     if any(len(p.interiors) == 1 or contour.is_wall(p, settings) for p in b.polygons):
         return False
     pairs = zip(a.polygons, b.polygons, strict=True)
-    return all(p.boundary.hausdorff_distance(q.boundary) <= settings.growth_step for p, q in pairs)
+    return all(p.boundary.hausdorff_distance(q.boundary) <= SAME_SECTION for p, q in pairs)
 
 
 def _repeated(
