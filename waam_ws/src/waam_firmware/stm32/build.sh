@@ -12,6 +12,8 @@ build=${1:-${XDG_CACHE_HOME:-$HOME/.cache}/waam_stm32}
 command -v arm-none-eabi-gcc > /dev/null || { echo "gcc-arm-none-eabi is missing: apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi" >&2; exit 1; }
 log=$build/build.log
 mkdir -p "$build"
+exec 9> "$build/.lock"
+flock 9 # two tests may build at once
 { cmake -S "$here" -B "$build" -DCMAKE_TOOLCHAIN_FILE="$here/toolchain.cmake" -DWAAM_USB=$usb && cmake --build "$build" -j2; } \
     > "$log" 2>&1 || { tail -40 "$log" >&2; exit 1; }
 printf '%-24s %8s of %7s %8s of %6s\n' image flash 1048576 RAM 131072
