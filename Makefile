@@ -1,15 +1,18 @@
-# make demo | test | bench [ONLY=name, or help] | setup | lint | clean
+# make demo | test | test-all | bench [ONLY=name, or help] | setup | lint | clean
 SHELL := /bin/bash
 RUN := . ./env.sh &&
 
-.PHONY: setup demo test bench lint clean
+.PHONY: setup demo test test-all bench lint clean
 setup:
 	@bash scripts/setup.sh
 demo: setup
 	@$(RUN) waam demo
 test:
-	@bash scripts/setup.sh --test --train --robot
+	@bash scripts/setup.sh --test --robot
 	@$(RUN) ruff check . && bash scripts/test.sh
+test-all:
+	@bash scripts/setup.sh --test --train --robot
+	@$(RUN) ruff check . && bash scripts/test.sh --all
 bench:
 	@bash scripts/setup.sh --test --robot
 	@$(RUN) python3 bench/run.py $(ONLY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -15,6 +16,20 @@ _ANYWHERE = {'deadline': None, 'suppress_health_check': [HealthCheck.too_slow]}
 settings.register_profile('same', derandomize=True, database=None, **_ANYWHERE)
 settings.register_profile('random', **_ANYWHERE)
 settings.load_profile(os.environ.get('WAAM_EXAMPLES', 'same'))
+
+
+_LONG = Path(__file__).parent / 'test' / 'long_tests.txt'
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks what test/long_tests.txt names as `long`, so that `-m 'not long'` leaves it out."""
+    names = [line.split(' | ')[0] for line in _LONG.read_text().splitlines() if ' | ' in line]
+    for item in items:
+        if any(
+            item.nodeid == n or item.nodeid.startswith((f'{n}::', f'{n}[', f'{n}/')) for n in names
+        ):
+            item.add_marker('long')
 
 
 @pytest.fixture(scope='module', autouse=True)

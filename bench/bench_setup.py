@@ -4,7 +4,8 @@ and no wheel in any cache.
 setup.seconds: the first call of `scripts/setup.sh` (baseline: that of the commit); setup.ratio: one over the other;
 setup.second_call_seconds: the next call, when nothing has changed;
 loop.speed_ratio: simulated seconds per second of wall time of `make demo`, start-up and reports included, on `gentle`,
-which the commit has as its only cell, over that of the commit (baseline: 1).
+which the commit has as its only cell, over that of the commit (baseline: 1);
+house.test_ratio: `make test`, set-up included, over that of the commit. It takes an hour.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -70,6 +72,17 @@ def newcomer() -> None:
     emit('loop.speed_ratio', speeds['HEAD'] / speeds[BEFORE], '', said, 1.0)
 
 
-FIGURES = dict.fromkeys(
-    ('setup.seconds', 'setup.ratio', 'setup.second_call_seconds', 'loop.speed_ratio'), newcomer
-)
+def tests() -> None:
+    """A test that fails ends the measurement."""
+    took = []
+    for commit in ('HEAD', BEFORE):
+        with tempfile.TemporaryDirectory() as folder:
+            took.append(Newcomer(Path(folder), commit).seconds('make test'))
+            print(f'make test of {commit}: {took[-1]:.0f} s', file=sys.stderr)
+    emit('house.test_ratio', took[0] / took[1], '', f'commit {BEFORE}, same run', 1.0)
+
+
+FIGURES = {
+    **dict.fromkeys(('setup.seconds', 'setup.ratio', 'setup.second_call_seconds', 'loop.speed_ratio'), newcomer),
+    'house.test_ratio': tests,
+}  # fmt: skip

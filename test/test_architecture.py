@@ -160,3 +160,14 @@ def test_every_import_is_a_declared_dependency(package):
     )
     used -= set(sys.stdlib_module_names) | PIP_ONLY | {package}
     assert not {ROSDEP.get(name, name) for name in used} - declared
+
+
+@pytest.mark.parametrize(
+    'line', [v for v in (ROOT / 'test' / 'long_tests.txt').read_text().splitlines() if v[:1] != '#']
+)
+def test_what_is_left_out_of_make_test_exists_and_has_a_reason(line):
+    named, reason = line.split(' | ')
+    file, *function = named.split('::')
+    assert (ROOT / file).exists() and reason
+    for name in function:
+        assert f'def {name.split("[")[0]}(' in (ROOT / file).read_text()
