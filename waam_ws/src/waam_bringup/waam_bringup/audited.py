@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 SUB_VERBS = ('verb', 'jobs_verb', 'record_verb', 'replay_verb', 'calibrate_command')
 QUESTIONS = (
     ('calibrate', 'status'),
+    ('job', 'status'),
 )  # sub-verbs that only look, of verbs of which all others command
 SAFE = (
     ('stop', ''),

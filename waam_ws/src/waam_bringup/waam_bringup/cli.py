@@ -7,6 +7,7 @@ import importlib
 import os
 import signal
 import sys
+from importlib import metadata
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,6 +21,7 @@ from waam_record.cli import Graph
 from . import audited, calibrate, cli_graph, panel
 from .cli_common import add_run, late, reader_is_gone, run_and_domain
 from .cli_job import register_job
+from .cli_parser import Grouped, Parser, register_completion
 from .paths import CELL, jobs_dir
 from .shop import places
 
@@ -51,13 +53,18 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 def build_parser() -> argparse.ArgumentParser:
     """The whole command line; packages add their own verbs with `<package>.cli.register`."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog='waam',
         description='Closed-loop wire-arc additive manufacturing: scan, correct, deposit, layer by layer.',
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Grouped,
     )
-    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
+    parser.add_argument(
+        '--version', action='version', version=f'waam {metadata.version("waam_bringup")}'
+    )
+    commands = parser.add_subparsers(
+        dest='command', metavar='COMMAND', required=True, title='commands'
+    )
     cli_graph.register(commands)
     register_job(commands)
     _register_demo(commands)
@@ -66,6 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     importlib.import_module('waam_plan.cli').register(commands, _draw_plan, _check_robot)
     for package in PACKAGES:
         importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))
+    register_completion(commands, parser)
     return parser
 
 

@@ -44,6 +44,7 @@ SIMULATED: Options = (  # of every verb that starts a graph
     ('--preset', DEFAULT_PRESET, f'how rough the simulated cell is (default: {DEFAULT_PRESET}); what a parameter file '
      'says of it wins', None, {'choices': PRESETS}),
 )  # fmt: skip
+STATUS: Options = (('--json', False, 'for programs: one JSON object, null for what is not known'),)
 RELAY = """\
 Publishes what a cell tells on another ROS domain, under the cell's name (/cell2/telemetry ...), for screens and loggers
 of a site; one-way: nothing there can command the cell."""
@@ -58,9 +59,9 @@ def register(commands: Verbs) -> None:
     add_run(p, '--name')
     text = 'stop the graph; a running job is aborted with a safe end of the arc'
     for name, run, told in (
-        ('stop', _stop, text), ('status', _status, 'what is up, what the machine and the job do'),
+        ('stop', _stop, text), ('status', status, 'what is up, what the machine and the job do'),
     ):  # fmt: skip
-        p = add_verb(commands, name, told)
+        p = add_verb(commands, name, told, *(STATUS if name == 'status' else ()))
         p.set_defaults(run_command=run)
         add_run(p, '--name')
     p = add_verb(
@@ -150,10 +151,11 @@ def _stop(args: argparse.Namespace) -> int:
     return 0
 
 
-def _status(args: argparse.Namespace) -> int:
-    """Status 1 when a process of the graph has ended. ClientError when no graph is up."""
+def status(args: argparse.Namespace) -> int:
+    """`waam status`, `waam job status`. Exit status 1 when a process of the graph has ended. ClientError when no graph
+    is up."""
     from .operate import require_up
     from .status import print_status
 
     run, domain = run_and_domain(args)
-    return print_status(run, require_up(run), domain)
+    return print_status(run, require_up(run), domain, args.json, args.command == 'job')

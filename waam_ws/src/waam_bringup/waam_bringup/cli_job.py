@@ -13,6 +13,7 @@ from waam_process.cli_options import Options, Verbs, add_options, add_verb
 from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
 
 from .cli_common import add_run, late
+from .cli_graph import STATUS, status
 
 STEERING = """\
 while a job runs, from any other terminal (or the panel):
@@ -99,6 +100,7 @@ def register_job(commands: Verbs) -> None:
         ('--wire-left', 0.0, 'wire on the spool now, when it was changed; else what the job has used so far is '
          'subtracted', 'M'), description=RESUME,
     )  # fmt: skip
+    add('status', '', 'what the running job does', *STATUS).set_defaults(run_command=status)
     for name, text in (
         ('rescan', 'scan again before the next layer'),
         ('skip-layer', 'leave the next layer out'),
