@@ -24,7 +24,8 @@ GONE = {
     name: 'nobody had reason to change it, so its value stands in the code'
     for name in (
         'heartbeat_period', 'tick_period', 'resend_timeout', 'resend_warning', 'wire_jog_speed', 'csv_rate',
-        'sample_period', 'history',
+        'sample_period', 'history', 'clock_period', 'metal_cell', 'arc_contact_min', 'scanner_range_near',
+        'scanner_range_far', 'part_moved_tilt', 'part_moved_step_x', 'gantry_y_',
     )
 }  # fmt: skip
 

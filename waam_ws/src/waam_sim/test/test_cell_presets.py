@@ -31,7 +31,7 @@ def test_there_is_a_file_for_every_preset_and_no_other():
 @pytest.mark.parametrize('name', PRESETS)
 def test_a_preset_loads_and_is_within_the_limits(name):
     made = from_dict(CellParams, values(name), 'cell')
-    assert plant_params(made).metal.cell == USUAL['metal_cell']
+    assert plant_params(made).metal.cell == PlantParams().metal.cell
 
 
 def test_gentle_is_the_cell_of_the_packaged_parameters():

@@ -56,9 +56,7 @@ class ArcParams:
         1.5, 'sigma of the current reading; the voltage has a tenth of it', 'A', 0.0, 20.0
     )
     contact_max: float = 0.030  # contact distance at which the arc goes out [m]
-    contact_min: float = param(
-        0.0, 'contact distance at which the wire freezes to the tip; 0 = never', 'm', 0.0, 0.014
-    )
+    contact_min: float = 0.0  # contact distance at which the wire freezes to the tip; 0 = never [m]
     tip_wander: float = param(
         0.0,
         'sigma of the place in the contact tip where the wire takes its current',

@@ -29,6 +29,7 @@ from .plant import Plant, warm_up
 from .port import PlantPort
 from .table import restore
 
+CLOCK_PERIOD_US = 50_000  # of /clock, in controller time
 # of a job that computes as soon as the machine stands
 COMPUTING = (JobStatus.PREPARING, JobStatus.SCANNING, JobStatus.CORRECTING, JobStatus.FINISHING)
 
@@ -56,7 +57,6 @@ class Cell(WaamNode):
         self._port: PlantPort | None = None
         self._steps, self._busy, self._truths = 0, 0.0, 0
         self._job_computes = self._job_runs = False
-        self._clock_us = round(p.clock_period * 1e6)
         self._pyro_us = round(1e6 / physics.pyrometer.rate)
         self._clock_out = self.create_publisher(Clock, '/clock', BEAT)
         self._temperature_out = self.create_publisher(Temperature, 'temperature', BEAT)
@@ -134,7 +134,7 @@ class Cell(WaamNode):
     def _publish(self, samples: np.ndarray, time_us: int) -> None:
         """Clock, temperature and profiles that are due in this step."""
         step_us = 1000 * len(samples)
-        if time_us % self._clock_us < step_us:
+        if time_us % CLOCK_PERIOD_US < step_us:
             self._clock_out.publish(clock_to_msg(time_us))
         if time_us % self._pyro_us < step_us:
             celsius = self._plant.temperature(self._pyro_us * 1e-6)

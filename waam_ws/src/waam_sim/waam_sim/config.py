@@ -54,7 +54,6 @@ class NodeParams:
         '', 'file that keeps what lies on the table when the cell ends; empty = nothing is kept'
     )
     pace: float = param(1.0, 'of a cell with a robot: simulated seconds per second', '', 0.01, 20.0)
-    clock_period: float = param(0.05, 'of /clock in controller time', 's', 0.01, 1.0)
 
 
 def _flat() -> type:

@@ -18,7 +18,7 @@ class MetalParams:
         'how the melt becomes a bead: portions that share themselves out, sections that overlap, a film that levels',
         choices=tuple(MODELS),
     )
-    cell: float = param(4e-4, 'edge of a cell of the height field', 'm', 1e-4, 2e-3)
+    cell: float = 4e-4  # edge of a cell of the height field [m]
     margin: float = 0.015  # rim of bare table around the part [m]
     wire_diameter: float = param(1.185e-3, 'true diameter of the wire', 'm', 5e-4, 2.5e-3)
     transfer: float = param(

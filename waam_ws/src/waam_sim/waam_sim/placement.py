@@ -37,12 +37,10 @@ class PlacementParams:
     warp_kept: float = 0.4  # share of the rise that stays in the cold part
     warp_cooling: float = 90.0  # time in which the rest goes back [s]
     moved_z: float = param(0.0, 'the part lies higher than in the first scan', 'm', -0.02, 0.02)
-    moved_tilt_x: float = param(0.0, 'and rises along x about its middle', 'm/m', -0.2, 0.2)
-    moved_tilt_y: float = param(0.0, 'and along y', 'm/m', -0.2, 0.2)
+    moved_tilt_x: float = 0.0  # and rises along x about its middle [m/m]
+    moved_tilt_y: float = 0.0  # and along y [m/m]
     moved_step: float = param(0.0, 'and is higher by a step on the far side in x', 'm', -0.02, 0.02)
-    moved_step_x: float = param(
-        math.nan, 'where that step is, work frame; NaN = middle of the part', 'm'
-    )
+    moved_step_x: float = math.nan  # where that step is, work frame; NaN = middle of the part [m]
 
 
 _STATE = (

@@ -38,8 +38,8 @@ class ScannerParams:
     points: int = param(640, 'points of a profile', '', 2, 8192)
     rate: float = param(100.0, 'profiles per second', '1/s', 1.0, 1000.0)
     batch: int = 10  # profiles of a message
-    range_near: float = param(-0.085, 'nearest measurable z_s', 'm', -1.0, 0.0)
-    range_far: float = param(-0.165, 'farthest measurable z_s', 'm', -1.0, 0.0)
+    range_near: float = -0.085  # nearest measurable z_s [m]
+    range_far: float = -0.165  # farthest measurable z_s [m]
     noise: float = param(3e-5, 'sigma of z on a flat surface', 'm', 0.0, 1e-2)
     noise_length: float = param(
         0.0,
