@@ -110,12 +110,27 @@ class Unlaid:
 def needed_area(found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
     """bool: where metal is missing, whether or not a bead can lay it. NaN: not seen (as its neighbours), off the part.
 
-    Not steep faces, where a height says nothing, and not what is narrower than MIN_HALF_WIDTH.
+    Not steep faces, where a height says nothing, not what is narrower than MIN_HALF_WIDTH, and not what the scan as
+    found saw from the side (`seen_from_aside`).
     """
     missing = np.nan_to_num(nominal.z - masks.fill_unknown(found.z), nan=0.0) > MIN_MISSING
-    return masks.drop_slivers(missing, MIN_HALF_WIDTH) & ~masks.flanks(
+    tops = masks.drop_slivers(missing, MIN_HALF_WIDTH) & ~masks.flanks(
         nominal.z, nominal.spec.resolution
     )
+    return tops & ~seen_from_aside(tops, found, nominal)
+
+
+def seen_from_aside(tops: np.ndarray, found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
+    """bool: cells of `tops` that an edge of the part cuts, so that the scan as found looked past it: along a free side,
+    nothing seen or more than MIN_STEP lower than the next cell inside. No metal on the part changes what such a cell
+    shows."""
+    rim = tops & ndimage.binary_dilation(free_sides(tops, nominal.z), structure=masks.EIGHT)
+    inside = tops & ~rim
+    if not inside.any() or not rim.any():
+        return np.zeros_like(tops)
+    row, col = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    beside = masks.fill_unknown(found.z)[row, col]
+    return rim & ~(beside - found.z <= MIN_STEP)
 
 
 def unlaid(needed: np.ndarray, region: np.ndarray, missing: np.ndarray, spec: GridSpec) -> Unlaid:

@@ -51,7 +51,7 @@ def plan_restoration(
     warnings: list[str] = []
     found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
-    needed = finish.needed_area(HeightGrid(nominal.spec, found), nominal)
+    needed = finish.needed_area(as_found, nominal)
     settings, above, remarks = _finished(needed, nominal, settings)
     wanted = nominal.z + above
     depth = wanted - smooth
