@@ -95,7 +95,9 @@ def cup_rim() -> Worn:
 
 def cam() -> Worn:
     """A cam lying flat: its face is chipped around the nose and worn along the outline."""
-    plan, r, a = around(6, lambda a: 18 + 12 * np.exp(-((np.angle(np.exp(1j * (a - 1))) / 0.7) ** 2)))
+    plan, r, a = around(
+        6, lambda a: 18 + 12 * np.exp(-((np.angle(np.exp(1j * (a - 1))) / 0.7) ** 2))
+    )
     edge = r.max(axis=0) - r
     nose = np.exp(-((np.angle(np.exp(1j * (a - 1))) / 0.9) ** 2))
     wear = (1.6 + 2.2 * nose + 0.2 * np.sin(5 * a)) * soft(12 - edge, 8)

@@ -28,7 +28,9 @@ def rail_head() -> Worn:
     """Crowned head of a rail, worn most at one side, fading out at both ends."""
     plan, x, y = over(120, 60)
     nominal = 22 - (y - 30) ** 2 / 500 - 4 * np.clip(np.abs(y - 30) - 24, 0, 6) ** 2 / 36
-    wear = (1.7 + 2.6 * soft(y - 32, 24) + waves(x, y, 0.15, 3)) * soft(np.minimum(x - 8, 112 - x), 10)
+    wear = (1.7 + 2.6 * soft(y - 32, 24) + waves(x, y, 0.15, 3)) * soft(
+        np.minimum(x - 8, 112 - x), 10
+    )
     return Worn(plan, nominal, wear)
 
 
@@ -83,7 +85,9 @@ def flange() -> Worn:
     plan, x, y = over(76, 76)
     u, v = x - 38, y - 38
     r = np.hypot(u, v)
-    holes = np.min([np.hypot(u - a, v - b) for a, b in ((28, 0), (-28, 0), (0, 28), (0, -28))], axis=0)
+    holes = np.min(
+        [np.hypot(u - a, v - b) for a, b in ((28, 0), (-28, 0), (0, 28), (0, -28))], axis=0
+    )
     deeper = np.exp(-((np.angle(np.exp(1j * (np.arctan2(v, u) - 0.8))) / 0.6) ** 2))
     inside = np.minimum(np.minimum(r - 19.5, 36.5 - r), holes - 4)
     return Worn(plan, 14 + 0 * r, 1.7 + 1.2 * deeper + waves(x, y, 0.2, 8), inside)
@@ -93,7 +97,9 @@ def shaft_land() -> Worn:
     """A land on a shaft, seen from above: cylindrical, worn along a third of its length, feathered all around."""
     plan, x, y = over(80, 40)
     nominal = np.sqrt(55.0**2 - (y - 20) ** 2) - 35
-    wear = (1.9 + waves(x, y, 0.15, 9)) * soft(20 - np.abs(x - 40), 8) * soft(17 - np.abs(y - 20), 6)
+    wear = (
+        (1.9 + waves(x, y, 0.15, 9)) * soft(20 - np.abs(x - 40), 8) * soft(17 - np.abs(y - 20), 6)
+    )
     return Worn(plan, nominal, wear)
 
 

@@ -74,4 +74,6 @@ def along(length: float, thick: Callable[[Map], Map], bow: float) -> tuple[np.nd
 def box(x: Map, y: Map, at: tuple[float, float], half: tuple[float, float], corner: float) -> Map:
     """Distance inside a rectangle with round corners about `at`."""
     dx, dy = abs(x - at[0]) - half[0] + corner, abs(y - at[1]) - half[1] + corner
-    return corner - np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) - np.minimum(np.maximum(dx, dy), 0)
+    return (
+        corner - np.hypot(np.maximum(dx, 0), np.maximum(dy, 0)) - np.minimum(np.maximum(dx, dy), 0)
+    )

@@ -31,7 +31,9 @@ class Operator(Control):
 
     def _mend(self) -> None:
         if not self._left:
-            self.abort(f'wire or arc failed again after the operator had mended it {MENDINGS} times')
+            self.abort(
+                f'wire or arc failed again after the operator had mended it {MENDINGS} times'
+            )
             return
         self._left -= 1
         self._device.advance(MENDING_S)

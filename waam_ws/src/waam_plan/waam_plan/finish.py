@@ -34,8 +34,11 @@ RMS_OVER_THICKNESS = (
 )
 TAIL_OVER_RMS = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
 LOG_DEPTH_SIGMA = 0.25  # standard deviation of the logarithm of that depth
-SIDE_EXTRA = 0.6e-3  # m more along free sides, where melt runs down; fades out within
+SIDE_EXTRA = 0.9e-3  # m more along free sides, where melt runs down; fades out within
 SIDE_FADE = 3.0e-3  # m of them
+EDGE = 0.5e-3  # m along free sides that stay low now and then, whatever is aimed at
+EDGE_LOW = 0.045  # share of them that lies below nominal, median over jobs
+LOG_EDGE_SIGMA = 0.9  # standard deviation of the logarithm of that share
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,44 @@ class Forecast:
 def forecast(last_layer: float) -> Forecast:
     """last_layer: its thickness, m."""
     return Forecast(TAIL_OVER_RMS * RMS_OVER_THICKNESS * last_layer)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """How much of the needed area lies within EDGE of a free side, where melt runs down or draws back."""
+
+    share: float  # of the needed area
+
+    @property
+    def chance(self) -> float:
+        """Probability that no more of it stays low than a part that cleans up may have."""
+        if self.share <= 0:
+            return 1.0
+        low = (1 - CLEAN_SHARE) / (self.share * EDGE_LOW)
+        return float(norm.cdf(math.log(low) / LOG_EDGE_SIGMA))
+
+    @property
+    def warning(self) -> str:
+        """For a person; '' for a part that is more likely to clean up along its free sides than not."""
+        if self.chance >= 0.5:
+            return ''
+        return (
+            f'the part will not clean up along its free sides (chance {self.chance:.0%}): {self.share:.1%} of the '
+            f'needed area lie within {EDGE * 1e3:.1f} mm of them, where melt runs down. Clamp run-off plates against '
+            'them, allow a chamfer there, or machine the nominal surface deeper'
+        )
+
+
+def edges(needed: np.ndarray, nominal: HeightGrid) -> Edges:
+    """Of a part."""
+    if not needed.any():
+        return Edges(0.0)
+    free = free_sides(needed, nominal.z)
+    if not free.any():
+        return Edges(0.0)
+    away = ndimage.distance_transform_edt(~free) - 0.5  # cells between the side and a cell's centre
+    near = needed & (away * nominal.spec.resolution <= EDGE)
+    return Edges(float(near.sum() / needed.sum()))
 
 
 def along_sides(needed: np.ndarray, nominal: HeightGrid) -> np.ndarray:

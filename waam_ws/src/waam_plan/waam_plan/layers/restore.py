@@ -53,6 +53,9 @@ def plan_restoration(
     smooth = _smooth(found, nominal, settings)
     needed = finish.needed_area(as_found, nominal)
     settings, above, remarks = _finished(needed, nominal, settings)
+    if settings.finish == finish.MACHINED:
+        aside = finish.edges(needed, nominal).warning
+        warnings += [aside] if aside else []
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
