@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .shop_shapes import HEIGHT, Worn, along, around, box, over, soft, waves
+from .shop_shapes import HEIGHT, Worn, around, box, over, soft, waves
 
 
 def pocket() -> Worn:
