@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from waam_plan import finish
-from waam_plan.layers import sides
 from waam_plan.layers.build import plan_build
 from waam_plan.layers.restore import plan_restoration
 from waam_plan.mesh.part import load_part
@@ -130,14 +129,6 @@ def test_a_thin_part_between_free_sides_is_said_not_to_clean_up(worn_block):
     as_laid = replace(S, finish='as-laid')
     plan = plan_restoration(HeightGrid(found.spec, wall - 0.002), thin, as_laid)
     assert not any('will not clean up' in w for w in plan.warnings)
-
-
-def test_rings_of_a_machined_layer_begin_on_the_part():
-    """Else the outermost ring is moved back onto the edge, beside the next one."""
-    rings = replace(S, ring_inset=0.28, overrun=finish.MIN_OVERRUN)
-    assert sides.settings_within(rings).first_ring == pytest.approx(finish.MIN_OVERRUN)
-    assert sides.settings_within(replace(rings, overrun=1e-3)).first_ring == rings.first_ring
-    assert sides.settings_within(replace(rings, ring_inset=0.0)).ring_inset == 0.0
 
 
 def test_the_smallest_allowance_with_its_chance():

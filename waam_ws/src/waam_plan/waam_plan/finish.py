@@ -34,7 +34,7 @@ RMS_OVER_THICKNESS = (
 )
 TAIL_OVER_RMS = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the part
 LOG_DEPTH_SIGMA = 0.25  # standard deviation of the logarithm of that depth
-SIDE_EXTRA = 0.9e-3  # m more along free sides, where melt runs down; fades out within
+SIDE_EXTRA = 0.6e-3  # m more along free sides, where melt runs down; fades out within
 SIDE_FADE = 3.0e-3  # m of them
 EDGE = 0.5e-3  # m along free sides that stay low now and then, whatever is aimed at
 EDGE_LOW = 0.045  # share of them that lies below nominal, median over jobs

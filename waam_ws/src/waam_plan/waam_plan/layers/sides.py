@@ -70,13 +70,8 @@ def of_mask(
 
 
 def settings_within(s: PlanSettings) -> PlanSettings:
-    """Bead ends and rings stay on the part although their beads cover its sides: inset from the edge of the cover.
-    Rings that began beyond the edge would be moved back onto it, too near to the next ones."""
-    return replace(
-        s,
-        edge_inset=min(max(s.edge_inset, (s.overrun + INSET) / s.pitch), 1.0),
-        ring_inset=min(max(s.ring_inset, s.overrun / s.bead_width), 0.5) if s.ring_inset else 0.0,
-    )
+    """Bead ends stay on the part although their beads cover its sides: inset from the edge of the cover."""
+    return replace(s, edge_inset=min(max(s.edge_inset, (s.overrun + INSET) / s.pitch), 1.0))
 
 
 def _slits(
