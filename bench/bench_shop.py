@@ -99,10 +99,12 @@ def row_of(job: tuple, result) -> Row:
 
 def line_of(row: Row) -> str:
     kind, seed, finish, on, loop = row['job']
-    said = row['message'] or (
-        f'{"good" if row["good"] else "not good"}, RMS {row["rms"]:.3f} mm, {row["share"]:.1%} in tolerance, clean '
-        f'{row["clean"]:.2%}, stock {row["stock"]:.2f} mm, 99 % {row["high"]:.2f} mm'
-    )
+    said = f'{"good" if row["good"] else "not good"}, RMS {row["rms"]:.3f} mm, {row["share"]:.1%} in tolerance'
+    if finish == 'machined':
+        said += (
+            f', clean {row["clean"]:.2%}, stock {row["stock"]:.2f} mm, 99 % {row["high"]:.2f} mm'
+        )
+    said = row['message'] or said
     return f'{kind}, seed {seed}, {finish}, {on}, {loop}: {said}'
 
 
