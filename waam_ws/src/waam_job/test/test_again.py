@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_job.model.records import State
-from waam_job.run.again import OVERLAP, place_behind
+from waam_job.run.again import OVERLAP, Again, place_behind
 from waam_process.segment import Kind, Segment, check_chain
 
 
@@ -32,6 +32,17 @@ def test_the_way_back_follows_the_path_and_ends_at_its_beginning_or_a_corner():
     assert place_behind(begun, (0.0115, 0.0, 0.0), 3e-3) == pytest.approx((0.010, 0.0, 0.0))
     corner = path((0, 0), (10, 0), (10, 10))
     assert place_behind(corner, (0.010, 0.001, 0.0), 3e-3) == pytest.approx((0.010, 0.0, 0.0))
+
+
+def test_a_bead_that_never_began_has_no_gap(make_cell):
+    """The arc burned last at the end of the bead beside it."""
+    way = path((0, 0), (20, 0), (20, 4), (0, 4), arcs=[True, False, True])
+    again = Again(make_cell(), 'job', way, lambda *_: None)
+    held = replace(
+        make_cell().machine_state, executed=1, executed_job='job', burned=(0.02, 0.0, 0.0)
+    )
+    assert again.gap(replace(held, position=(0.02, 0.004, 0.0))) == 0.0
+    assert again.gap(replace(held, position=(0.017, 0.004, 0.0))) == pytest.approx(5e-3)
 
 
 @given(

@@ -223,10 +223,19 @@ def test_the_end_of_the_wire_costs_a_pause_and_no_bead(parts, repaired, later, m
     assert 1e-3 < gap < 5e-3
 
 
+def test_a_bead_where_no_arc_strikes_costs_a_pause_and_no_job(parts, repaired):
+    """Three strikes in vain; the operator of the laboratory cleans the place and resumes."""
+    r = run(restore(*parts, seed=3, faults=(Fault('arc_loss', 60.0, layer=2),), **QUIET))
+    assert r.error_code == 0, r.message
+    (fault,) = [a for a in r.anomalies if a['severity'] in ('FAULT', 'ALARM')]
+    assert fault['class'] == 'arc' and 'job paused' in fault['reaction']
+    assert r.layers == repaired.layers and r.rms < 1.3 * repaired.rms
+
+
 def test_wire_that_fails_again_and_again_ends_the_job(parts, monkeypatch):
     monkeypatch.setattr('waam_sim.faults.Faults.on', lambda self, name, now: name == 'wire_end')
     r = run(restore(*parts, seed=3, faults=(Fault('gas_loss', 0.0),)))
-    assert r.error_code == Code.ABORTED and 'after 5 changes' in r.message
+    assert r.error_code == Code.ABORTED and 'mended it 5 times' in r.message
 
 
 def test_a_blind_scanner_is_a_failed_job(parts):

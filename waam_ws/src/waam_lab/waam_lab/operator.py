@@ -6,33 +6,36 @@ from waam_job.run.control import Control
 
 from .machine import Machine
 
-SPOOL_CHANGE_S = 120.0  # simulated; the part cools meanwhile
-CHANGES = 5  # of the spool in one job; then something else is wrong
+MENDING_S = 120.0  # simulated, to change the spool or to clean the place; the part cools meanwhile
+MENDINGS = 5  # in one job; then something else is wrong
+MENDED = ('wire_end', 'wire_slip', 'arc_loss')  # faults of the cell that it ends
 
 
 class Operator(Control):
-    """Threads new wire when the machine holds for want of it; resumes whatever has paused the job, which its anomalies
-    tell."""
+    """Threads new wire and cleans the place when the machine holds for want of wire or of an arc; resumes whatever has
+    paused the job, which its anomalies tell."""
 
     def __init__(self, device: Machine) -> None:
         super().__init__()
-        self._device, self._left = device, CHANGES
+        self._device, self._left = device, MENDINGS
 
     @property
     def paused(self) -> bool:
-        """False: whoever asks waits no longer, for the wire is threaded meanwhile. JobError ABORTED follows when it
+        """False: whoever asks waits no longer, for that is mended meanwhile. JobError ABORTED follows when it
         fails again and again."""
         if super().paused:
             if self._device.bridge.fault:
-                self._thread_wire()
+                self._mend()
             self.resume()
         return False
 
-    def _thread_wire(self) -> None:
+    def _mend(self) -> None:
         if not self._left:
-            self.abort(f'the wire failed again after {CHANGES} changes of the spool')
+            self.abort(
+                f'wire or arc failed again after the operator had mended it {MENDINGS} times'
+            )
             return
         self._left -= 1
-        self._device.advance(SPOOL_CHANGE_S)
-        for fault in ('wire_end', 'wire_slip'):
+        self._device.advance(MENDING_S)
+        for fault in MENDED:
             self._device.plant.faults.active.pop(fault, None)

@@ -36,6 +36,9 @@ TAIL_OVER_RMS = 3.0  # depth of the lowest 0.5 % over the RMS error, inside the 
 LOG_DEPTH_SIGMA = 0.25  # standard deviation of the logarithm of that depth
 SIDE_EXTRA = 0.6e-3  # m more along free sides, where melt runs down; fades out within
 SIDE_FADE = 3.0e-3  # m of them
+EDGE = 0.5e-3  # m along free sides that stay low now and then, whatever is aimed at
+EDGE_LOW = 0.045  # share of them that lies below nominal, median over jobs
+LOG_EDGE_SIGMA = 0.9  # standard deviation of the logarithm of that share
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,44 @@ def forecast(last_layer: float) -> Forecast:
     return Forecast(TAIL_OVER_RMS * RMS_OVER_THICKNESS * last_layer)
 
 
+@dataclass(frozen=True)
+class Edges:
+    """How much of the needed area lies within EDGE of a free side, where melt runs down or draws back."""
+
+    share: float  # of the needed area
+
+    @property
+    def chance(self) -> float:
+        """Probability that no more of it stays low than a part that cleans up may have."""
+        if self.share <= 0:
+            return 1.0
+        low = (1 - CLEAN_SHARE) / (self.share * EDGE_LOW)
+        return float(norm.cdf(math.log(low) / LOG_EDGE_SIGMA))
+
+    @property
+    def warning(self) -> str:
+        """For a person; '' for a part that is more likely to clean up along its free sides than not."""
+        if self.chance >= 0.5:
+            return ''
+        return (
+            f'the part will not clean up along its free sides (chance {self.chance:.0%}): {self.share:.1%} of the '
+            f'needed area lie within {EDGE * 1e3:.1f} mm of them, where melt runs down. Clamp run-off plates against '
+            'them, allow a chamfer there, or machine the nominal surface deeper'
+        )
+
+
+def edges(needed: np.ndarray, nominal: HeightGrid) -> Edges:
+    """Of a part."""
+    if not needed.any():
+        return Edges(0.0)
+    free = free_sides(needed, nominal.z)
+    if not free.any():
+        return Edges(0.0)
+    away = ndimage.distance_transform_edt(~free) - 0.5  # cells between the side and a cell's centre
+    near = needed & (away * nominal.spec.resolution <= EDGE)
+    return Edges(float(near.sum() / needed.sum()))
+
+
 def along_sides(needed: np.ndarray, nominal: HeightGrid) -> np.ndarray:
     """m of metal more than the allowance: SIDE_EXTRA at a straight free side of the needed area, half as much again at
     a corner, fading out within SIDE_FADE."""
@@ -110,12 +151,27 @@ class Unlaid:
 def needed_area(found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
     """bool: where metal is missing, whether or not a bead can lay it. NaN: not seen (as its neighbours), off the part.
 
-    Not steep faces, where a height says nothing, and not what is narrower than MIN_HALF_WIDTH.
+    Not steep faces, where a height says nothing, not what is narrower than MIN_HALF_WIDTH, and not what the scan as
+    found saw from the side (`seen_from_aside`).
     """
     missing = np.nan_to_num(nominal.z - masks.fill_unknown(found.z), nan=0.0) > MIN_MISSING
-    return masks.drop_slivers(missing, MIN_HALF_WIDTH) & ~masks.flanks(
+    tops = masks.drop_slivers(missing, MIN_HALF_WIDTH) & ~masks.flanks(
         nominal.z, nominal.spec.resolution
     )
+    return tops & ~seen_from_aside(tops, found, nominal)
+
+
+def seen_from_aside(tops: np.ndarray, found: HeightGrid, nominal: HeightGrid) -> np.ndarray:
+    """bool: cells of `tops` that an edge of the part cuts, so that the scan as found looked past it: along a free side,
+    nothing seen or more than MIN_STEP lower than the next cell inside. No metal on the part changes what such a cell
+    shows."""
+    rim = tops & ndimage.binary_dilation(free_sides(tops, nominal.z), structure=masks.EIGHT)
+    inside = tops & ~rim
+    if not inside.any() or not rim.any():
+        return np.zeros_like(tops)
+    row, col = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    beside = masks.fill_unknown(found.z)[row, col]
+    return rim & ~(beside - found.z <= MIN_STEP)
 
 
 def unlaid(needed: np.ndarray, region: np.ndarray, missing: np.ndarray, spec: GridSpec) -> Unlaid:

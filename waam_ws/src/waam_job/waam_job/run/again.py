@@ -71,7 +71,11 @@ class Again:
         if held.burned is None or running is None or not running.arc:
             return 0.0
         way = math.dist(held.burned, held.position)
-        return way if MIN_GAP <= way <= MAX_GAP else 0.0
+        if not MIN_GAP <= way <= MAX_GAP:
+            return 0.0
+        laid = [s for s in self.segments if s.index <= done]
+        back = place_behind([*laid, running], held.position, way)
+        return way if math.dist(back, held.position) >= MIN_GAP else 0.0  # the bead begins here
 
     def lay(self, held: Machine, stop: Callable[[], None]) -> None:
         """stop: ends the hold and drops the queue. Then the torch goes back, and the rest is handed over anew under the

@@ -14,8 +14,8 @@ from .control import Control
 
 LEASE_EXPIRED = 202  # controller code, docs/link_protocol.md
 HOST_HOLD, HELD_BY_HOST = 200, 'hold by host'
-# somebody must see to the wire; the controller keeps its queue and strikes again
-WIRE, WIRE_STUCK = 206, 211
+# somebody must see to the place or to the wire; the controller keeps its queue and strikes again
+NO_ARC, WIRE, WIRE_STUCK = 205, 206, 211
 RESUMED_S, RESUMED_LOOK_S = 3.0, 0.1  # wall time that telemetry may need to show it
 
 
@@ -98,8 +98,8 @@ class Watch:
             raise JobError(Code.NODE_LOST, f'{why}; the arc lease was withheld')
 
     def _on_hold(self, machine: Machine) -> None:
-        """A hold by the operator or for want of wire waits for resume; a hold by the lease is resumed when all nodes
-        are back; any other one ends the job."""
+        """A hold by the operator, for want of wire or where no arc strikes waits for resume; a hold by the lease is
+        resumed when all nodes are back; any other one ends the job."""
         if machine.fault == LEASE_EXPIRED:
             if machine.silent_nodes:
                 return  # _check_nodes decides
@@ -118,7 +118,7 @@ class Watch:
             return
         kind = CLASS_OF_FAULT.get(machine.fault, 'link')
         text = machine.fault_text or f'hold {machine.fault}'
-        if machine.fault in (WIRE, WIRE_STUCK):
+        if machine.fault in (NO_ARC, WIRE, WIRE_STUCK):
             self._pause(text, kind)
             return
         self.note('FAULT', kind, text, 'hold, job ended')
@@ -146,8 +146,9 @@ class Watch:
         machine = self.cell.machine()
         if machine.state != 'HOLD':
             return
-        if machine.fault == WIRE and self.again is not None and self.again.gap(machine):
-            self.again.lay(machine, lambda: self._go_on('STOP'))
+        again = self.again if machine.fault in (NO_ARC, WIRE) else None
+        if again is not None and again.gap(machine):
+            again.lay(machine, lambda: self._go_on('STOP'))
         else:
             self._go_on()
 

@@ -51,8 +51,11 @@ def plan_restoration(
     warnings: list[str] = []
     found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
-    needed = finish.needed_area(HeightGrid(nominal.spec, found), nominal)
+    needed = finish.needed_area(as_found, nominal)
     settings, above, remarks = _finished(needed, nominal, settings)
+    if settings.finish == finish.MACHINED:
+        aside = finish.edges(needed, nominal).warning
+        warnings += [aside] if aside else []
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
