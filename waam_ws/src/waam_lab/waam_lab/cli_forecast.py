@@ -90,6 +90,8 @@ def foretell(
 ) -> Forecast:
     """Runs the job on up to so many cells within SECONDS, and where it fails others of its layouts. workers: 0 = one
     per core; models: metal models of the cells, () = all."""
+    from waam_node.spread import Workers
+
     from . import layouts, plants
     from .forecast import Forecast
 
@@ -102,8 +104,10 @@ def foretell(
     until = began + SECONDS
     results = list(_within(jobs, workers, 'as asked', until, hopeless).values())
     first = Forecast(job, tuple(results))
-    if not first.fails:
-        return replace(first, seconds=time.monotonic() - began)
+    spent = time.monotonic() - began
+    rounds = -(-len(results) // Workers(workers).for_pieces(len(jobs)))
+    if not first.fails or spent + spent / rounds > SECONDS:
+        return replace(first, seconds=spent)
     few = jobs[:FIRST_LOOK]
     ways = [(one, layouts.laid(j, one)) for one in layouts.others(job) for j in few]
     found = _within([j for _, j in ways], workers, 'other layouts', until) if ways else {}
