@@ -127,6 +127,11 @@ class Program:
         found = [p.planned[p.planned > 0] for p in self.current.layers if p.number == number]
         return float(np.median(found[0])) if found and found[0].size else 0.0
 
+    def metal_after(self, number: int) -> np.ndarray:
+        """(rows, cols) m of metal that the layers above `number` are still to lay, as it is planned now."""
+        rest = (p.planned for p in self.current.layers if p.number > number)
+        return np.sum([np.zeros(self.current.spec.shape), *rest], axis=0)
+
     def target_after(self, number: int) -> np.ndarray:
         """Wanted surface after layer `number` of the job, (rows, cols) m, NaN = do not care."""
         layers, i = self.current.layers, max(0, number - self.offset)
