@@ -8,7 +8,9 @@ of the third one, with other seeds and other physics. The models take turns from
 stock); `shop.forecast_error_pct`: how far the expected RMS, or mean stock, lies from the mean of the outcomes, mean over
 the cases; `shop.forecast_seconds`: the longest forecast; `shop.told_share`: of the jobs that failed those that were told
 so, `shop.false_alarms`: of the jobs that succeeded those that were told to fail. Baseline: what is wanted.
-`WAAM_BENCH_PRESET` chooses another preset.
+`shop.scrap_layers`: layers that a job lays before it pauses although a cone that overhangs by 30 degrees cannot be built
+level on the simulated cell, less the first one, which shows it; all of them where it does not pause; mean over three
+cells. `WAAM_BENCH_PRESET` chooses another preset.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ import numpy as np
 from lib import shop
 from lib.preset import emit_on_cell as emit
 from lib.preset import preset
+from lib.seeds import seeds
 
 OUTCOMES = 3  # cells of every case
 FIRST_OUTCOME = 20_000  # seed of the first of them; no forecast has one
@@ -30,7 +33,9 @@ WANTED = {
     'coverage': ('', 0.9), 'error_pct': ('%', 15.0), 'seconds': ('s', 60.0), 'told_share': ('', 0.9),
     'false_alarms': ('', 0.1),
 }  # fmt: skip
-NAMES = {k: f'shop.{k}' if k in ('told_share', 'false_alarms') else f'shop.forecast_{k}' for k in WANTED}
+NAMES = {
+    k: f'shop.{k}' if k in ('told_share', 'false_alarms') else f'shop.forecast_{k}' for k in WANTED
+}
 
 
 def forecasts() -> None:
@@ -101,7 +106,9 @@ def _inside(f, results) -> list[bool]:
     from waam_lab.forecast import CLEAN, SHARE_ROW
 
     rows = (_main(f), CLEAN if f.machined else SHARE_ROW)
-    return [f.rows[row].low <= getattr(r, row.name) <= f.rows[row].high for row in rows for r in results]
+    return [
+        f.rows[row].low <= getattr(r, row.name) <= f.rows[row].high for row in rows for r in results
+    ]
 
 
 def _error(f, results) -> float:
@@ -110,4 +117,32 @@ def _error(f, results) -> float:
     return abs(f.rows[row].value / came - 1)
 
 
-FIGURES = {name: forecasts for name in NAMES.values()}
+def scrap() -> None:
+    from waam_lab import build, run_many
+
+    on = preset('recorded')
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'cone.stl'
+        _cone(file)
+        workers = int(os.environ.get('WAAM_BENCH_WORKERS', '2'))
+        found = run_many(
+            [build(file, seed=s, preset=on) for s in seeds((1, 2, 3))], workers=workers
+        )
+    scrap_layers = []
+    for r in found:
+        held = [a for a in r.anomalies if 'job paused' in a['reaction'] and a['class'] == 'height']
+        scrap_layers.append((held[0]['layer'] if held else r.layers) - 1)
+        print(f'seed {r.seed}: {held[0]["text"] if held else "no pause"}', file=sys.stderr)
+    emit('shop.scrap_layers', float(np.mean(scrap_layers)), '', 'wanted', 2.0, on)
+
+
+def _cone(file: Path) -> None:
+    """24 mm high, radius 12 mm below, opening by 30 degrees."""
+    import trimesh
+
+    top = 12 + 24 * np.tan(np.radians(30))
+    outline = np.array([[0, 0], [12, 0], [top, 24], [0, 24]], float)
+    trimesh.creation.revolve(outline, sections=72).export(file)
+
+
+FIGURES = {**dict.fromkeys(NAMES.values(), forecasts), 'shop.scrap_layers': scrap}

@@ -195,9 +195,7 @@ def test_a_job_is_given_up_only_when_clearly_too_much_is_lost():
 def test_the_job_pauses_when_metal_is_missing(which, make_cell, make_runner):
     """No metal arrives in the middle of the part; or a lump as high as all layers together lies there."""
     cell = make_cell()
-    runner, control, _ = make_runner(
-        cell, layer_height=1e-3, plan_settings=('finish_layers=0',)
-    )
+    runner, control, _ = make_runner(cell, layer_height=1e-3, plan_settings=('finish_layers=0',))
     inner, laid = cell.finish_scan, []
 
     def finish(*args):

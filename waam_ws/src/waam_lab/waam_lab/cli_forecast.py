@@ -14,14 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-
 if TYPE_CHECKING:  # the laboratory is loaded only when a verb needs it
     from rich.console import Console
 
     from .forecast import Forecast
     from .job import LabJob, LabResult
 
-SECONDS = 60.0  # that a forecast may take; at least one cell per core is done, however long it takes
+# that a forecast may take; at least one cell per core is done, however long it takes
+SECONDS = 60.0
 CELLS = 12  # more narrow the mean, but not the band: single parts scatter as they do
 FIRST_LOOK = 4  # cells after which a job that succeeds on none leaves the time to others, tried on the same ones
 LEAST_TRIED = 2  # cells that a layout must have been tried on to be named

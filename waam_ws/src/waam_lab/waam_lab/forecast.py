@@ -157,7 +157,9 @@ class Forecast:
             str(a.get('text'))
             for r in self.results
             for a in r.anomalies
-            if not r.failed and 'job paused' in str(a.get('reaction')) and a.get('class') == 'height'
+            if not r.failed
+            and 'job paused' in str(a.get('reaction'))
+            and a.get('class') == 'height'
         ]
         return [r.message for r in self.results if r.failed] + held
 
@@ -168,9 +170,11 @@ def verdict(f: Forecast) -> str:
     said = f'{f.good} of {len(f.results)} cells'
     if not f.done:
         return f'it fails: {f.stops[0]}'
-    if not f.fails:
-        return f'will {word}: {said}'
-    return f'will not {word}: {said}'
+    if f.fails:
+        return f'will not {word}: {said}'
+    if f.chance.low < SURE:
+        return f'may {word}: {said}, too few or too many of them not'
+    return f'will {word}: {said}'
 
 
 def words(f: Forecast) -> list[str]:

@@ -78,7 +78,8 @@ class LabMaps:
     region: np.ndarray  # bool, all that was to be laid
     interior: np.ndarray  # bool, the part of it that is judged
     as_found: np.ndarray  # m, error before the job
-    places: np.ndarray | None = None  # int8, number of `causes.PLACES`, -1 = nothing is laid or needed
+    # int8, number of `causes.PLACES`, -1 = nothing is laid or needed
+    places: np.ndarray | None = None
     # bool, of finish machined: needed and below nominal; None = as laid
     below: np.ndarray | None = None
 

@@ -88,9 +88,7 @@ def on_cells(job: LabJob, cells: int, models: Sequence[str] = MODELS) -> list[La
         replace(
             job,
             seed=seed,
-            plant=training_plant(
-                np.random.default_rng(seed), job.preset, models[i % len(models)]
-            ),
+            plant=training_plant(np.random.default_rng(seed), job.preset, models[i % len(models)]),
         )
         for i, seed in enumerate(seeds)
     ]

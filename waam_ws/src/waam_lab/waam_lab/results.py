@@ -21,14 +21,16 @@ from .job import LabJob, LabMaps, LabResult
 LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by single cells beyond it
 
 
-def read(
-    folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: float
-) -> LabResult:
+def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: float) -> LabResult:
     """first: plan of the first pass, if it came so far; time: s of machine time; cpu: s of processor time."""
     report = folder.read_json(job_folder.REPORT) or {}
     run: dict[str, Any] = report.get(job.goal.loop_mode, {})
     maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
-    final = _maps(maps, first) if maps and first and report.get('verdict', 'failed') != 'failed' else None
+    final = (
+        _maps(maps, first)
+        if maps and first and report.get('verdict', 'failed') != 'failed'
+        else None
+    )
     rows = [r for r in run.get('layers', []) if not r.get('final')]
     judged = run.get('rms_mm') is not None
     return LabResult(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -224,10 +225,21 @@ def run(args: argparse.Namespace) -> int:
         cli_files.write(plan, args)
         if args.machine == ROBOT:
             _check_robot(plan, args)
+        print(f'what will come out of it: {_forecast(args)}')
     except (ValueError, OSError) as error:
         print(f'waam plan: {error}', file=sys.stderr)
         return 2
     return 0
+
+
+def _forecast(args: argparse.Namespace) -> str:
+    """The command that foretells the job, as far as both know the same options."""
+    words = ['waam', 'forecast', str(args.part)]
+    names = 'as_found', 'mode', 'finish', 'strategy', 'layer_height', 'bead_width', 'layers', 'out'
+    for name in names:
+        if value := getattr(args, name):
+            words += [f'--{name.replace("_", "-")}', str(value)]
+    return shlex.join(words)
 
 
 def _check_robot(plan: Plan, args: argparse.Namespace) -> None:

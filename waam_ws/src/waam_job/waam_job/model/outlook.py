@@ -16,7 +16,8 @@ REGION = 0.05  # of the area of a layer: the worst region of it
 WITHIN_REACH = 0.4  # of a layer's thickness: more than that no single layer corrects
 STARVED = 0.5  # of the metal that was asked for: a region that grows less sags, or gets no metal
 THIN = 0.5  # of a layer's thickness: where less is planned, how much comes says little
-LOST_OVER_ALLOWED = 2.0  # area out of reach over that which a good verdict allows: near it, scans decide by chance
+# area out of reach over that which a good verdict allows: near it, scans decide by chance
+LOST_OVER_ALLOWED = 2.0
 
 
 def diverges(

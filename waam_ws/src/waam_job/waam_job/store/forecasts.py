@@ -60,5 +60,8 @@ def find(checked: Checked, volume: float) -> tuple[dict[str, Any] | None, str]:
         volume * 1e6, planned, rel_tol=SAME_VOLUME
     ):
         lays = f'{volume * 1e6:.1f} cm3'
-        return None, f'the forecast is of another wear: {planned} cm3 of metal, this plan lays {lays}'
+        return (
+            None,
+            f'the forecast is of another wear: {planned} cm3 of metal, this plan lays {lays}',
+        )
     return found, ''
