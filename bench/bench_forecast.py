@@ -5,12 +5,13 @@ A forecast never sees the cell of its job: its cells have two of the three metal
 of the third one, with other seeds and other physics. The models take turns from case to case.
 
 `shop.forecast_coverage`: share of outcomes within the 90 % bands (RMS and share in tolerance, or clean share and mean
-stock); `shop.forecast_error_pct`: how far the expected RMS, or mean stock, lies from the mean of the outcomes, mean over
-the cases; `shop.forecast_seconds`: the longest forecast; `shop.told_share`: of the jobs that failed those that were told
-so, `shop.false_alarms`: of the jobs that succeeded those that were told to fail. Baseline: what is wanted.
-`shop.scrap_layers`: layers that a job lays before it pauses although a cone that overhangs by 30 degrees cannot be built
-level on the simulated cell, less the first one, which shows it; all of them where it does not pause; mean over three
-cells. `WAAM_BENCH_PRESET` chooses another preset.
+stock). `shop.forecast_error_pct`: how far the expected RMS, or mean stock, lies from the mean of the outcomes, mean
+over the cases. `shop.forecast_seconds`: the longest forecast. `shop.told_share`: of the jobs that failed those that
+were told so; `shop.false_alarms`: of the jobs that succeeded those that were told to fail. Baseline: what is wanted.
+
+`shop.scrap_layers`: layers that a job lays before it pauses although a cone that overhangs by 30 degrees cannot be
+built level on the simulated cell, less the first one, which shows it; all of them where it does not pause; mean over
+three cells. `WAAM_BENCH_PRESET` chooses another preset.
 """
 
 from __future__ import annotations

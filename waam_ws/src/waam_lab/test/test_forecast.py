@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from waam_bringup.cli import main
+from waam_bringup.cli import build_parser, main
 from waam_job.model.goal import check
 from waam_job.store import forecasts
 from waam_lab import restore
@@ -18,6 +20,7 @@ from waam_lab.forecast import LOG, SHARE, Forecast, chance, expected, facts, ver
 from waam_lab.job import LabMaps, LabResult
 from waam_lab.layouts import OTHERS, Trial
 from waam_lab.plants import FIRST_CELL, on_cells
+from waam_plan.cli import _forecast
 from waam_plan.layers.restore import plan_restoration
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec, HeightGrid
@@ -181,6 +184,27 @@ def test_no_forecast_of_a_damaged_file_is_shown(parts, tmp_path):
         assert 'cannot be read' in forecasts.find(checked, 1e-6)[1]
     forecasts.write(folder, '{"volume_cm3": null}')
     assert forecasts.find(checked, math.nan)[0] is None
+
+
+@pytest.mark.parametrize(
+    'asked,told',
+    [
+        (['a.stl', '--as-found', 'w.stl', '--finish', 'machined'], '--finish machined'),
+        (['b c.stl', '--mode', 'build', '--set', 'levels=adaptive'], '--set plan.levels=adaptive'),
+        (['a.stl', '--scale', '1', '--bead-width', '5', '--out', 'o'], '--bead-width 5.0 --out o'),
+        (['scan.pcd'], ''),
+        (['a.stl', '--as-found', 'w.npz'], ''),
+        (['a.stl', '--as-found', 'w.ply', '--zone'], ''),
+        (['a.gcode', '--dialect', 'slicer'], ''),
+    ],
+)
+def test_the_command_that_a_plan_names_is_understood(asked, told):
+    parser = build_parser()
+    said = _forecast(parser.parse_args(['plan', *asked]))
+    assert (told in said) if told else said == ''
+    if told:
+        args = parser.parse_args(shlex.split(said)[1:])
+        assert args.command == 'forecast' and args.part == Path(asked[0])
 
 
 def test_wrong_options_are_refused_by_name(parts, capsys):

@@ -28,7 +28,8 @@ NEAR = 3e-3  # m: beads end and slump within so much of an edge (half of the usu
 
 
 def places(plan: Plan) -> np.ndarray:
-    """(rows, cols) int8: number in PLACES of what is laid and what needs metal, -1 elsewhere. plan: of the first pass."""
+    """(rows, cols) int8: number in PLACES of what is laid and what needs metal, -1 elsewhere. plan: of the first
+    pass."""
     region, cell = plan.region, plan.spec.resolution
     bead = plan.settings.bead_width
     restored = plan.mode == 'restore'

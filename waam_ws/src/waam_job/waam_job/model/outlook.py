@@ -32,7 +32,7 @@ def diverges(
 
 
 def worst_region(error: np.ndarray, on: np.ndarray, bead: float) -> float:
-    """m: size of the error that REGION of the cells lie beyond, each the mean over half a bead around it. error is known
+    """m: size of the error that REGION of the cells lie beyond, each the mean over half a bead around it. error: known
     on all cells of `on`; bead: its width in cells."""
     around = np.abs(masks.blur(error, on, bead / 4)[on])
     return float(np.quantile(around, 1 - REGION))

@@ -46,7 +46,7 @@ def release(context: JobContext, verdict: Verdict) -> None:
 
 
 def _look_for_forecast(context: JobContext) -> None:
-    if context.program.whole is not None:
+    if context.program.whole is not None and not context.journal.folder.passing:
         found, why = forecasts.find(context.checked, context.program.whole.volume)
         context.journal.forecast = found
         if why:

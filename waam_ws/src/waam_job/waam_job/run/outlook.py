@@ -122,7 +122,8 @@ class Outlook:
         most = float(np.max(outlook.reach(rest)[out])) * 1e3
         return (
             f'{out.sum() / judged.sum():.0%} of the judged area cannot be brought to its target any more: with {left} '
-            f'more to come, layers correct {most:.2f} mm there at most, worst {self._worst(error, out)}; {self._remedy()}'
+            f'more to come, layers correct {most:.2f} mm there at most, worst {self._worst(error, out)}; '
+            + self._remedy()
         )
 
     def _worst(self, error: np.ndarray, on: np.ndarray) -> str:

@@ -50,7 +50,7 @@ def write(folder: Path, text: str) -> None:
 def find(checked: Checked, volume: float) -> tuple[dict[str, Any] | None, str]:
     """The forecast of this goal for a plan of so much metal (m3), and why there is none although a file is there."""
     try:
-        found = read_mapping(folder_of(checked) / FILE)
+        found = read_mapping(folder_of(checked) / FILE)  # also where the program is gone by now
     except Missing:
         return None, ''
     except FileError as e:
