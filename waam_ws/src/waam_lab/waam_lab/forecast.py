@@ -173,7 +173,7 @@ def verdict(f: Forecast) -> str:
     if f.fails:
         return f'will not {word}: {said}'
     if f.chance.low < SURE:
-        return f'may {word}: {said}, too few or too many of them not'
+        return f'may {word}: {said}, not enough to be sure'
     return f'will {word}: {said}'
 
 

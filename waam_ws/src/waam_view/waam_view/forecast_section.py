@@ -25,7 +25,8 @@ def forecast_section(job: Job) -> str:
     told = job.run.get('forecast')
     if not isinstance(told, dict) or not isinstance(told.get('figures'), dict):
         return ''
-    rows, outside = [], set()
+    rows: list[list[str]] = []
+    outside: set[int] = set()
     for key, label, unit, factor, digits, path in _ROWS:
         figure = told['figures'].get(key)
         if not isinstance(figure, dict):
