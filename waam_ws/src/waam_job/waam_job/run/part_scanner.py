@@ -225,7 +225,7 @@ class PartScanner:
     def _note_height(self, layer: int, scan: Scan, wanted: np.ndarray) -> None:
         """The place where the surface is farthest from what was wanted."""
         error = np.where(self.program.current.interior, scan.map.z - wanted, np.nan)
-        row, col = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
+        row, col = (int(i) for i in np.unravel_index(np.nanargmax(np.abs(error)), error.shape))
         spec = scan.map.spec
         self.journal.note(
             'WARNING',
