@@ -15,8 +15,8 @@ from ..model.cell import Scan
 from .context import JobContext
 
 REMEDY = (
-    'resume lays on all the same; abort, then ask waam forecast PART for a layout that does (narrower beads, finish'
-    ' machined), or plan it with less overhang'
+    'resume lays on all the same; abort, then ask waam forecast PART for a layout that does better (narrower beads), or'
+    ' plan it with less overhang'
 )
 SAGS = 'look whether metal sags there or none arrives (overhang, arc, wire)'
 
