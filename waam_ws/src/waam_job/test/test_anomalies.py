@@ -45,7 +45,7 @@ def test_warnings_of_other_nodes_are_kept_with_the_job(make_cell, make_runner):
 
 @pytest.mark.parametrize(
     'loop_mode,reaction',
-    [('closed_loop', 'more than the next layer can correct'), ('open_loop', 'none')],
+    [('closed_loop', 'more than the last layer can correct'), ('open_loop', 'none')],
 )
 def test_height_error_is_noted_with_its_place(loop_mode, reaction, make_cell, make_runner):
     cell = make_cell()

@@ -99,8 +99,6 @@ def test_second_pass_is_planned_from_the_scan_after_the_first(make_cell, make_ru
     missing = second['corrected_height'] - second['set_height']
     assert missing == pytest.approx(-first['measured_mean'], rel=0.5)
     assert first['corrected_height'] is None
-    # a cell that lays three quarters of the metal stays below what the process model foresees
-    assert all(0 < p['predicted_rms'] < p['measured_rms'] for p in (first, second))
     numbers = [r['layer'] for r in report['layers'] if not r['final']]
     assert numbers == list(range(1, len(numbers) + 1))
     assert [r['pass_number'] for r in report['layers']][-1] == 2

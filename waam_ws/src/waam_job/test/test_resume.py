@@ -332,7 +332,6 @@ def test_job_of_two_passes_that_was_cut_off(cut, make_cell, make_runner):
         for key in (
             'set_height',
             'corrected_height',
-            'predicted_rms',
             'measured_rms',
             'measured_mean',
         ):

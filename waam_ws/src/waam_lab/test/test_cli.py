@@ -14,7 +14,6 @@ import pytest
 
 from waam_bringup.cli import main
 from waam_lab.cli_campaign import parse_seeds
-from waam_lab.layouts import LAYOUTS
 
 WAAM = [
     sys.executable,
@@ -121,27 +120,6 @@ def test_a_cell_file_changes_the_physics(parts, tmp_path):
     assert (
         "must hold only 'cell'" in lab(parts[0], '--as-found', parts[1], '--cell-file', file).stderr
     )
-
-
-def test_choosing_and_reporting_are_on_different_cells(parts, tmp_path):
-    out = tmp_path / 'out'
-    arguments = ['--layers', 1, '--seeds', 1, '--choose', 1, '--out', out]
-    done = lab(parts[0], '--as-found', parts[1], *arguments)
-    assert done.returncode == 0, done.stderr
-    report = json.loads((out / 'report.json').read_text())
-    tried = report['layouts']
-    assert [t['layout'] for t in tried] == [one.name for one in LAYOUTS]
-    assert [t['taken'] for t in tried].count(True) == 1
-    assert not {seed for t in tried for seed in t['seeds']} & {j['seed'] for j in report['jobs']}
-    assert 'taken:' in done.stdout
-    assert '<h2>Layouts</h2>' in (out / 'report.html').read_text()
-
-
-def test_a_program_cannot_be_laid_in_other_ways(parts, tmp_path, capsys):
-    program = tmp_path / 'pad.gcode'
-    program.write_text('G21\nG90\nM3\nG1 X10 F300\nM5\n')
-    told = refused(capsys, program, '--choose', '--out', tmp_path / 'out')
-    assert 'waam: error:' in told
 
 
 def test_ctrl_c_ends_everything(parts, tmp_path):

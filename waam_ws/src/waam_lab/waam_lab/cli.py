@@ -9,7 +9,7 @@ from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode
 from waam_node import spread
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
-from . import cli_fit
+from . import cli_fit, cli_forecast
 
 EXAMPLES = """\
 examples:
@@ -21,7 +21,6 @@ examples:
   waam lab part.stl --as-found worn.stl --set cell.metal_transfer=0.88 --set plan.levels=adaptive
   waam lab part.stl --as-found worn.stl --cell-file mycell.yaml        a cell with other physics
   waam lab part.stl --as-found worn.stl --preset gentle                a cell that scatters less than recorded ones do
-  waam lab part.stl --as-found worn.stl --choose                       which layout of the beads suits this part
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
@@ -55,6 +54,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     _add_campaign(p)
     p.set_defaults(run_command=_run)
     cli_fit.register(commands)
+    _add_process(cli_forecast.register(commands, _add_part))
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
@@ -128,15 +128,6 @@ def _add_campaign(p: argparse.ArgumentParser) -> None:
     spread.add_options(p)
     p.add_argument(
         '--out', type=Path, help='folder of the report (default: jobs/<time>_lab-<part>)'
-    )
-    p.add_argument(
-        '--choose',
-        type=int,
-        nargs='?',
-        const=2,
-        metavar='CELLS',
-        help='first try the part with narrower beads and with finishing layers that grow downwards, each on so many '
-        'cells of different physics (default: 2), and take what comes out best; the report then is on other cells',
     )
     p.add_argument('--keep-jobs', action='store_true', help='keep the folder of every job')
 

@@ -24,11 +24,8 @@ from waam_process.operating import ROBOT
 from . import params, report
 from .advance import JobAdvance
 from .bands import in_tolerance
-from .cli_choose import choose
-from .cli_choose import show as show_trials
 from .job import LabJob
 from .laboratory import on_table, over_seeds, physics_of
-from .layouts import laid
 from .many import run_many, workers_for
 from .pieces import Pieces
 from .robot import urdf_settings
@@ -137,11 +134,6 @@ def run_campaign(args: argparse.Namespace) -> int:
     job, notes = job_of(args, out)
     console = Console(highlight=False)
     pieces = Pieces(out / 'pieces', software_revision())
-    trials, taken = [], None
-    if args.choose is not None:
-        trials = choose(job, args.choose, args.workers, args.cluster, pieces)
-        taken = show_trials(job, trials, console)
-        job = laid(job, taken.layout)
     workers = workers_for(args.workers, len(seeds))
     started = time.monotonic()
     with JobAdvance(len(seeds), job.goal.title) as advance:
@@ -155,9 +147,7 @@ def run_campaign(args: argparse.Namespace) -> int:
             raise
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
-    campaign = report.Campaign(
-        job, results, wall, workers, told, args.cluster, tuple(trials), taken=taken, notes=notes
-    )
+    campaign = report.Campaign(job, results, wall, workers, told, args.cluster, notes=notes)
     page = report.write(out, campaign)
     pieces.clear()
     show(campaign, console)

@@ -78,6 +78,10 @@ class LabMaps:
     region: np.ndarray  # bool, all that was to be laid
     interior: np.ndarray  # bool, the part of it that is judged
     as_found: np.ndarray  # m, error before the job
+    # int8, number of `causes.PLACES`, -1 = nothing is laid or needed
+    places: np.ndarray | None = None
+    # bool, of finish machined: needed and below nominal; None = as laid
+    below: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,7 @@ class LabResult:
     time: float = math.nan  # s of machine time
     scan_time: float = math.nan  # s of it in which the job was scanning, ways to the scans included
     wire: float = math.nan  # m
+    volume: float = math.nan  # m3 that the first plan lays
     # one per layer and one for the last scan (docs/job_folder.md)
     reports: tuple[Mapping[str, Any], ...] = ()
     anomalies: tuple[Mapping[str, Any], ...] = ()

@@ -52,9 +52,11 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
             began, cpu = cell.now(), time.process_time()
             settings = settings_of(known.job_sequencer, True)
             settings = replace(settings, keep_learned=job.keep_learned)
-            JobRunner(cell, checked, folder, Operator(cell.device), settings).run()
+            runner = JobRunner(cell, checked, folder, Operator(cell.device), settings)
+            runner.run()
             spent = time.process_time() - cpu
-            found = results.read(folder, job, cell.now() - began, spent)
+            first = runner.context.program.whole
+            found = results.read(folder, job, first, cell.now() - began, spent)
             seen = cell.contact
             return replace(
                 found,

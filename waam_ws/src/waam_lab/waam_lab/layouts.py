@@ -1,4 +1,4 @@
-"""Layouts of a job: the same part laid in other ways, tried on cells of their own, and the one to take.
+"""Layouts of a job: the same part laid in other ways, what came of them, and the one to take.
 
 How evenly beads fit a part is a matter of its shape, and a little more or less of a bead changes the result by a third.
 The planner's process model does not see it (docs/planning.md), the laboratory does.
@@ -12,16 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from waam_plan.finish import MACHINED
 from waam_process.materials import get
-from waam_sim.config import plant_params
 
-from . import params
 from .job import LabJob, LabResult
-from .plants import random_plant
 
-FIRST_CELL = 9001  # seed of the first cell for choosing; reports are on other seeds
-MIN_GAIN = 0.03  # a layout must have so much less RMS than the one that was asked for
-MAX_TIME = 1.25  # machine time, over that of the layout that was asked for
+MIN_GAIN = 0.03  # a layout that does not succeed either must have so much less RMS
 
 
 @dataclass(frozen=True)
@@ -33,37 +29,44 @@ class Layout:
     settings: tuple[str, ...] = ()  # of the planner
 
 
+ASKED = Layout('as asked')
 FINISH = ('finish_layers=4', 'finish_growth=1.2')
-LAYOUTS = (
-    Layout('as asked'),
+MACHINING = (f'finish={MACHINED}',)
+OTHERS = (
+    Layout('finish machined', 1.0, MACHINING),
     Layout('narrow beads', 5 / 6),
     Layout('growing finish', 1.0, FINISH),
     Layout('narrow beads, growing finish', 5 / 6, FINISH),
 )
 
 
+def others(job: LabJob) -> tuple[Layout, ...]:
+    """Layouts that differ from the job's own and that it can have. A program has its path."""
+    if job.goal.program is not None:
+        return ()
+    own = _own(job)
+    able = [
+        one
+        for one in OTHERS
+        if one.settings != MACHINING
+        or (job.goal.mode == 'restore' and not job.goal.allowance and 'finish' not in own)
+    ]
+    return tuple(one for one in able if laid(job, one) != job)
+
+
+def _own(job: LabJob) -> set[str]:
+    return {text.partition('=')[0].strip() for text in job.goal.plan_settings}
+
+
 def laid(job: LabJob, layout: Layout) -> LabJob:
     """The job with that layout. Settings of the planner that the job has itself stay as they are."""
-    goal = job.goal
-    own = {text.partition('=')[0].strip() for text in goal.plan_settings}
+    goal, own = job.goal, _own(job)
     added = tuple(t for t in layout.settings if t.partition('=')[0] not in own)
     width = goal.bead_width
     if layout.width != 1.0:
         width = round(layout.width * (width or get(goal.material).bead_width), 6)
     settings = (*goal.plan_settings, *added)
     return replace(job, goal=replace(goal, bead_width=width, plan_settings=settings))
-
-
-def on_cells(job: LabJob, cells: int) -> list[LabJob]:
-    """The job on so many cells for choosing. Each has physics of its own, unless the job says which it wants."""
-    if cells < 1:
-        raise ValueError(f'--choose {cells}: needs at least one cell')
-    seeds = range(FIRST_CELL, FIRST_CELL + cells)
-    if job.plant is not None or 'cell' in job.overrides:
-        return [replace(job, seed=seed) for seed in seeds]
-    usual = plant_params(params.make(preset=job.preset).cell)
-    plants = {s: random_plant(np.random.default_rng(s), usual) for s in seeds}
-    return [replace(job, seed=s, plant=plant) for s, plant in plants.items()]
 
 
 @dataclass(frozen=True)
@@ -80,49 +83,36 @@ class Trial:
         return float(np.mean([getattr(r, name) for r in self.results]))
 
     @property
-    def in_tolerance(self) -> int:
+    def good(self) -> int:
+        """Cells on which it is in tolerance, or cleans up."""
         return sum(r.in_tolerance for r in self.results)
 
-
-HEAD = ('layout', 'RMS, mm', 'within tolerance', 'jobs in tolerance', 'machine time, s', '')
-
-
-def row(trial: Trial, taken: Trial | None) -> list[str]:
-    """The figures of a trial as text, under HEAD; what is said of it last: taken, or why a job failed."""
-    failed = next((r.message for r in trial.results if r.failed), '')
-    if failed:
-        return [trial.layout.name, '–', '–', '–', '–', failed]
-    return [
-        trial.layout.name,
-        f'{trial.mean("rms") * 1e3:.3f}',
-        f'{trial.mean("share_in_tolerance") * 100:.1f} %',
-        f'{trial.in_tolerance} of {len(trial.results)}',
-        f'{trial.mean("time"):.0f}',
-        'taken' if trial is taken else '',
-    ]
+    @property
+    def machined(self) -> bool:
+        """Whether it is judged by what is below nominal after machining."""
+        return any(math.isfinite(r.clean_share) for r in self.results)
 
 
-def best(trials: Sequence[Trial]) -> Trial:
-    """The trial to take. The first one is the layout that was asked for.
-
-    It stays unless another one has less RMS by MIN_GAIN within MAX_TIME. ValueError when no layout could be laid.
-    """
-    able = [t for t in trials if math.isfinite(t.mean('rms'))]
-    if not able:
-        said = next((r.message for t in trials for r in t.results if r.failed), 'no trial')
-        raise ValueError(f'no layout could be laid: {said}')
-    first = trials[0]
-    if first not in able:
-        return min(able, key=lambda t: t.mean('rms'))
-    most = MAX_TIME * first.mean('time')
-    least = min((t for t in able if t.mean('time') <= most), key=lambda t: t.mean('rms'))
-    return least if least.mean('rms') <= (1 - MIN_GAIN) * first.mean('rms') else first
+def best(asked: Trial, trials: Sequence[Trial]) -> Trial | None:
+    """The trial that succeeds on most cells, on more than what was asked for; as laid before machined, then the least
+    RMS. Where none succeeds more often: the least RMS with the same finish, if it is MIN_GAIN less. None: nothing is
+    better."""
+    able = [t for t in trials if math.isfinite(t.mean('time'))]
+    share = asked.good / len(asked.results)
+    better = [t for t in able if t.good / len(t.results) > share]
+    if better:
+        return min(better, key=lambda t: (-t.good / len(t.results), t.machined, t.mean('rms')))
+    limit = (1 - MIN_GAIN) * asked.mean('rms')  # NaN where what was asked for cannot be laid
+    less = [t for t in able if t.machined == asked.machined and not t.mean('rms') >= limit]
+    return min(less, key=lambda t: t.mean('rms')) if less else None
 
 
 def options(job: LabJob, layout: Layout) -> list[str]:
-    """What `waam job run` and `waam plan` want to hear for that layout."""
+    """What `waam job run`, `waam plan` and `waam lab` want to hear for that layout, beyond what the job has."""
     goal = laid(job, layout).goal
-    words = ['--bead-width', f'{goal.bead_width * 1e3:g}'] if goal.bead_width else []
-    for text in goal.plan_settings:
-        words += ['--set', text]
+    words = []
+    if goal.bead_width != job.goal.bead_width:
+        words += ['--bead-width', f'{goal.bead_width * 1e3:g}']
+    for text in goal.plan_settings[len(job.goal.plan_settings) :]:
+        words += ['--finish', MACHINED] if text in MACHINING else ['--set', text]
     return words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -47,17 +48,18 @@ def _show(axes: Any, maps: Maps, values: np.ndarray, title: str, **scale: Any) -
     return image
 
 
-def error_maps(maps: Maps, tolerance: float, jobs: int) -> bytes:
-    """Mean error, largest error, and how often a cell is in tolerance."""
+def error_maps(
+    maps: Maps, tolerance: float, jobs: int, causes: Mapping[str, float] | None = None
+) -> bytes:
+    """Mean error, largest error, how often a cell is in tolerance, and the causes of a failure (shares), if there are
+    any."""
     left, right, low, high = _window(maps)
-    shape = (2, 2) if (high - low) > 0.35 * (right - left) else (3, 1)
+    shape = (2, 2) if (high - low) > 0.35 * (right - left) else (4 if causes else 3, 1)
     each = (9.4 / shape[1] - 1.0) * (high - low) / (right - left) + 0.55
     figure = new_figure(9.4, min(11.0, max(1.6, each) * shape[0]))
-    axes = np.atleast_1d(figure.subplots(*shape, sharex=True, sharey=True)).ravel()
+    axes = np.atleast_1d(figure.subplots(*shape)).ravel()
     for unused in axes[3:]:
-        unused.set_visible(False)
-    for one in axes[:3]:  # the axis that it shares with the hidden picture
-        one.tick_params(labelbottom=True)
+        unused.set_visible(bool(causes))
     scales = [
         (maps.mean * 1e3, f'mean error over {jobs} jobs', 'mm'),
         (maps.worst * 1e3, 'largest error of any job', 'mm'),
@@ -72,6 +74,11 @@ def error_maps(maps: Maps, tolerance: float, jobs: int) -> bytes:
         axes[2], maps, maps.within * 100, 'jobs in tolerance', cmap='RdYlGn', vmin=0, vmax=100
     )
     _bar(figure, image, axes[2], '%')
+    if causes:
+        shares = [share * 100 for share in causes.values()]
+        axes[3].barh(list(causes)[::-1], shares[::-1], color=BLUE)
+        axes[3].set_title('where the failure is made, %', fontsize=9)
+        axes[3].tick_params(labelsize=7)
     return png(figure)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,12 @@ from waam_sim.config import plant_params
 from waam_sim.metal_models import number
 from waam_sim.plant import PlantParams
 
+from .job import LabJob
 from .params import make
 
 # Where the random cells of a family begin: what is chosen or trained on the one is reported on the other.
 CHOOSING, REPORTING = 4701, 4702
+FIRST_CELL = 9001  # seed of the first cell of a forecast; reports are on other seeds
 
 
 def random_plant(rng: np.random.Generator, usual: PlantParams | None = None) -> PlantParams:
@@ -51,14 +54,15 @@ _OWN = {
         'film_remelt': (1e-4, 5e-4), 'film_pressure': (0.1, 0.5), 'film_hot_start': (0.05, 0.3),
     },
 }  # fmt: skip
+MODELS = tuple(_OWN)
 _SCATTER = ('area_noise_fixed', 'area_noise_layer', 'width_noise')
 
 
-def training_plant(rng: np.random.Generator, preset: str) -> PlantParams:
-    """A cell of a random metal model about the cell of a preset, one in three with a drift of the efficiency. What is
-    trained on such cells is reported on `family_plant`, whose cells none of them is."""
+def training_plant(rng: np.random.Generator, preset: str, model: str = '') -> PlantParams:
+    """A cell of a random metal model ('') or of this one about the cell of a preset, one in three with a drift of the
+    efficiency. What is trained on such cells is reported on `family_plant`, whose cells none of them is."""
     usual = plant_params(make(preset=preset).cell)
-    model = str(rng.choice(list(_OWN)))
+    model = model or str(rng.choice(list(_OWN)))
     ranges = {**_COMMON, **_OWN[model], 'scatter': (0.7, 1.3)}
     drawn = {name: float(rng.uniform(*limits)) for name, limits in ranges.items()}
     scatter = drawn.pop('scatter')
@@ -72,6 +76,22 @@ def training_plant(rng: np.random.Generator, preset: str) -> PlantParams:
         )
     metal = replace(usual.metal, model=model, **noise, **drawn)
     return replace(usual, metal=metal, variation=variation)
+
+
+def on_cells(job: LabJob, cells: int, models: Sequence[str] = MODELS) -> list[LabJob]:
+    """The job on so many cells for a forecast: each has physics of its own about those of the job's preset, the metal
+    models take turns. A job that says which cell it wants gets that one, with other seeds."""
+    seeds = range(FIRST_CELL, FIRST_CELL + cells)
+    if job.plant is not None or 'cell' in job.overrides:
+        return [replace(job, seed=seed) for seed in seeds]
+    return [
+        replace(
+            job,
+            seed=seed,
+            plant=training_plant(np.random.default_rng(seed), job.preset, models[i % len(models)]),
+        )
+        for i, seed in enumerate(seeds)
+    ]
 
 
 def family_plant(model: str, cell: int, seeds: int = CHOOSING) -> PlantParams:

@@ -16,7 +16,7 @@ from waam_node.files import write_atomically
 from waam_process.verdicts import IN_TOLERANCE
 from waam_view.html import cards, duration, escape, fmt, page, picture, table
 
-from . import bands, layouts, pictures
+from . import bands, pictures
 from .job import LabJob, LabResult
 
 
@@ -59,8 +59,6 @@ class Campaign:
     workers: int
     told: str = ''  # the command line, or ''
     cluster: str = ''  # address of the cluster that did the work; '' = workers of this machine
-    trials: tuple[layouts.Trial, ...] = ()  # layouts that were tried before, on other cells
-    taken: layouts.Trial | None = None  # the one of them that the results belong to
     notes: tuple[str, ...] = ()  # what of the worn part's file was left out or assumed
 
     @property
@@ -127,7 +125,6 @@ def facts(c: Campaign) -> dict[str, Any]:
         'preset': c.job.preset if c.job.plant is None else '',
         'overrides': {node: dict(values) for node, values in c.job.overrides.items()},
         'command': c.told,
-        'layouts': [_trial(t, t is c.taken) for t in c.trials],
         'in_tolerance': {**asdict(share), 'value': share.value},
         'failed': len(c.failed),
         'figures': {row.name: _scaled(row, band) for row, band in c.rows()},
@@ -137,19 +134,6 @@ def facts(c: Campaign) -> dict[str, Any]:
         'wall_s': c.wall,
         'workers': c.workers,
         'cluster': c.cluster,
-    }
-
-
-def _trial(t: layouts.Trial, taken: bool) -> dict[str, Any]:
-    return {
-        'layout': t.layout.name,
-        'taken': taken,
-        'rms_mm': t.mean('rms') * 1e3,
-        'share_in_tolerance': t.mean('share_in_tolerance'),
-        'in_tolerance': t.in_tolerance,
-        'time_s': t.mean('time'),
-        'seeds': [r.seed for r in t.results],
-        'failed': next((r.message for r in t.results if r.failed), ''),
     }
 
 
@@ -201,7 +185,6 @@ def html(c: Campaign, maps: bands.Maps | None) -> str:
         _cards(c),
         _warnings(c),
         '<h2>Over all cells</h2>' + _bands(c),
-        _layouts(c),
         _pictures(c, maps),
         '<h2>Job by job</h2>' + _jobs(c),
         _about(c),
@@ -269,14 +252,6 @@ def cells(row: Row, b: bands.Band) -> list[str]:
     )
     interval = f'{low} … {high}' if math.isfinite(b.low) else '–'
     return [f'{mean} {row.unit}', interval, best, worst, str(b.worst_seed)]
-
-
-def _layouts(c: Campaign) -> str:
-    if not c.trials:
-        return ''
-    rows = [layouts.row(t, c.taken) for t in c.trials]
-    said = 'Tried on cells of different physics, which are not those of the figures above.'
-    return f'<h2>Layouts</h2>{table(list(layouts.HEAD), rows, {0, 5})}<p class="soft">{said}</p>'
 
 
 def _pictures(c: Campaign, maps: bands.Maps | None) -> str:

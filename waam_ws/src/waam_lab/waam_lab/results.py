@@ -8,21 +8,29 @@ from typing import Any
 
 import numpy as np
 
+from waam_job.model.stock import needed_area
 from waam_job.store.folder import JobFolder
 from waam_node import job_folder
+from waam_plan import finish
+from waam_plan.plan import Plan
 from waam_process.grid import GridSpec
 
+from . import causes
 from .job import LabJob, LabMaps, LabResult
 
 LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by single cells beyond it
 
 
-def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
-    """time: s of machine time; cpu: s of processor time."""
+def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: float) -> LabResult:
+    """first: plan of the first pass, if it came so far; time: s of machine time; cpu: s of processor time."""
     report = folder.read_json(job_folder.REPORT) or {}
     run: dict[str, Any] = report.get(job.goal.loop_mode, {})
     maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
-    final = _maps(maps) if maps and report.get('verdict', 'failed') != 'failed' else None
+    final = (
+        _maps(maps, first)
+        if maps and first and report.get('verdict', 'failed') != 'failed'
+        else None
+    )
     rows = [r for r in run.get('layers', []) if not r.get('final')]
     judged = run.get('rms_mm') is not None
     return LabResult(
@@ -50,6 +58,7 @@ def read(folder: JobFolder, job: LabJob, time: float, cpu: float) -> LabResult:
         fallbacks=sum(bool(r.get('fallback')) for r in rows),
         time=time,
         wire=_number(run, 'wire_m'),
+        volume=first.volume if first else math.nan,
         reports=tuple(run.get('layers', [])),
         anomalies=tuple(run.get('anomalies', [])),
         maps=final,
@@ -81,7 +90,7 @@ def _layer_errors(maps: list[dict[str, np.ndarray]]) -> Iterator[np.ndarray]:
         yield error[np.isfinite(error)].astype(float)
 
 
-def _maps(maps: list[dict[str, np.ndarray]]) -> LabMaps:
+def _maps(maps: list[dict[str, np.ndarray]], plan: Plan) -> LabMaps:
     first, last = maps[0], maps[-1]
     x, y = (float(v) for v in last['origin'])
     rows, cols = last['z'].shape
@@ -91,7 +100,16 @@ def _maps(maps: list[dict[str, np.ndarray]]) -> LabMaps:
         region=last['region'].astype(bool) & np.isfinite(last['target']),
         interior=last['interior'].astype(bool) & np.isfinite(last['target']),
         as_found=first['z'] - last['target'],
+        places=causes.places(plan),
+        below=_below(plan, last['z']),
     )
+
+
+def _below(plan: Plan, z: np.ndarray) -> np.ndarray | None:
+    if plan.settings.finish != finish.MACHINED:
+        return None
+    below: np.ndarray = needed_area(plan) & ~(z - plan.nominal.z >= 0)
+    return below
 
 
 def _number(run: dict[str, Any], key: str) -> float:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 LATEST = 'latest'  # link in the folder of all jobs to the newest one
 LEARNED_DIR = 'learned'  # folder beside them of what jobs have taught, cell by cell
+FORECASTS = 'forecasts'  # folder beside them of what `waam forecast` has foretold
 
 JOB = 'job.yaml'  # what was asked, with parameters, versions and hashes
 STATUS = 'status.json'  # state of the job; the supervisor writes INTERRUPTED into it

@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def spread(
     work: Callable[[Piece], Result],
     lost: Callable[[Piece, Exception], Result],
     workers: Workers,
-) -> Iterator[tuple[Key, Result]]:
+) -> Generator[tuple[Key, Result], None, None]:
     """Results as they come, one per piece. ClusterError when there is no cluster at the address.
 
     work: a function of a module, which catches what may end it. lost: the result of a piece whose worker was lost

@@ -44,6 +44,9 @@ def test_build_writes_everything(box_file, tmp_path, capsys):
     assert (out / 'preview.png').read_bytes()[:4] == b'\x89PNG'
     printed = capsys.readouterr().out
     assert len(re.findall(r'^ +[12] .*\d\.\d%$', printed, re.M)) == 2
+    assert re.search(
+        r'^what will come out of it: waam forecast .* --layers 2 --out ', printed, re.M
+    )
     assert len(load_plan(out / 'plan.npz').layers) == 2
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .settings import PlanSettings
 
+SCALE = 1e-3  # m per unit of the files
 EXAMPLES = """\
 examples:
   waam plan roller.stl --as-found worn_roller.stl        fill what is worn off; both files in the same coordinates
@@ -131,7 +133,7 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
         help='close holes, remove double faces, turn normals outwards',
     )
     p.add_argument(
-        '--scale', type=float, default=1e-3, help='m per unit of the files, default 0.001 (mm)'
+        '--scale', type=float, default=SCALE, help='m per unit of the files, default 0.001 (mm)'
     )
 
 
@@ -224,10 +226,33 @@ def run(args: argparse.Namespace) -> int:
         cli_files.write(plan, args)
         if args.machine == ROBOT:
             _check_robot(plan, args)
+        if told := _forecast(args):
+            print(f'what will come out of it: {told}')
     except (ValueError, OSError) as error:
         print(f'waam plan: {error}', file=sys.stderr)
         return 2
     return 0
+
+
+def _forecast(args: argparse.Namespace) -> str:
+    """The command that foretells the job; '' where the laboratory cannot lay it: programs need more to be said, and of
+    a worn zone or a cloud alone nobody knows the part."""
+    from waam_plan.mesh.clouds import is_cloud
+
+    worn = args.as_found
+    alone = is_cloud(args.part) or args.zone or (worn is not None and worn.suffix == '.npz')
+    if alone or cli_program.is_program(args):
+        return ''
+    words = ['waam', 'forecast', str(args.part)]
+    names = 'as_found', 'mode', 'finish', 'strategy', 'layer_height', 'bead_width', 'layers', 'out'
+    for name in names:
+        if value := getattr(args, name):
+            words += [f'--{name.replace("_", "-")}', str(value)]
+    if args.scale != SCALE:
+        words += ['--scale', f'{args.scale:g}']
+    for text in args.set:
+        words += ['--set', f'plan.{text}']
+    return shlex.join(words)
 
 
 def _check_robot(plan: Plan, args: argparse.Namespace) -> None:

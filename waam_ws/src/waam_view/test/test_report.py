@@ -80,7 +80,7 @@ def test_passes_and_resumes_are_told(job, tmp_path):
     copy = tmp_path / 'two'
     shutil.copytree(folder, copy)
     run = report['closed_loop']
-    first = {'pass_number': 1, 'layers': 3, 'set_height': 5.75e-3, 'predicted_rms': 0.02e-3}
+    first = {'pass_number': 1, 'layers': 3, 'set_height': 5.75e-3}
     passes = [
         {**first, 'measured_rms': 0.4321e-3, 'measured_mean': -0.25e-3},
         {
@@ -96,6 +96,33 @@ def test_passes_and_resumes_are_told(job, tmp_path):
     text = write_report(copy).read_text()
     for value in ('<h2>Passes</h2>', '5.750', '6.123', '0.432', '-0.250', 'resumed 2 times'):
         assert value in text.replace('\u2212', '-')
+
+
+def test_a_forecast_stands_beside_the_outcome(job, tmp_path):
+    folder, report, text = job
+    assert 'Forecast and outcome' not in text
+    copy = tmp_path / 'foretold'
+    shutil.copytree(folder, copy)
+    run = report['closed_loop']
+    rms = run['rms_mm']
+    told = {
+        'verdict': 'will be in tolerance: 12 of 12 cells', 'cells': 12, 'preset': 'recorded', 'band': 0.9,
+        'figures': {
+            'rms_mm': {'value': 1.1 * rms, 'low': 0.8 * rms, 'high': 1.3 * rms},
+            'wire_m': {'value': 20.0, 'low': 19.0, 'high': 21.0},
+            'stock_mean_mm': {'value': 0.5, 'low': 0.4, 'high': 0.6},
+        },
+    }  # fmt: skip
+    changed = {**report, 'closed_loop': {**run, 'forecast': told}}
+    (copy / 'report.json').write_text(json.dumps(changed))
+    text = write_report(copy).read_text()
+    section = text[text.index('Forecast and outcome') :].partition('</table>')[0]
+    rows = [re.findall('<td[^>]*>(.*?)</td>', row) for row in section.split('<tr')]
+    shown = {row[0].split(',')[0]: row[1:] for row in rows if row}
+    assert shown['RMS height error'][2:] == [f'{rms:.3f}', 'yes']
+    assert shown['wire'] == ['20.00', '19.00 … 21.00', '37.42', 'no']
+    assert shown['stock to machine'][-1] == ''  # it was not machined: there is no outcome
+    assert 'will be in tolerance: 12 of 12 cells; 12 cells, preset recorded' in text
 
 
 def test_how_it_was_laid_is_told_in_words(job, tmp_path):

@@ -6,8 +6,8 @@ from .html import fmt, table
 from .job_data import Job, number
 
 _COLUMNS = (
-    ('set height, mm', 'set_height'), ('corrected height, mm', 'corrected_height'), ('predicted error (RMS), mm',
-    'predicted_rms'), ('measured error (RMS), mm', 'measured_rms'), ('measured error (mean), mm', 'measured_mean'),
+    ('set height, mm', 'set_height'), ('corrected height, mm', 'corrected_height'),
+    ('measured error (RMS), mm', 'measured_rms'), ('measured error (mean), mm', 'measured_mean'),
 )  # fmt: skip
 
 
@@ -27,8 +27,7 @@ def passes_section(job: Job) -> str:
             table(head, rows, set()),
             '<p class=soft>Each pass after the first was planned anew from the scan before it: its corrected height is '
             'the set height, which the plan before had left for it, with what that scan found missing there. '
-            "Predicted: what the planner's process model makes of the pass. The measured error of the last pass is "
-            'the final one.</p>',
+            'The measured error of the last pass is the final one.</p>',
         ]
     if isinstance(runs, int) and runs > 1:
         again = runs - 1

@@ -21,6 +21,7 @@ from waam_process.safe_files import is_file
 
 from . import figures
 from .comparison import comparison_page, machines
+from .forecast_section import forecast_section
 from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, JobError, flatten, load_job, number, read_report, run_folder
 from .layer_tables import layers_section
@@ -66,6 +67,7 @@ def job_page(job: Job, machines: str = '') -> str:
         _subtitle(job),
         verdict_box(job),
         _figures_of_merit(job),
+        forecast_section(job),
         loop_summary(job),
         _stock(job),
         _maps(job),

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waam_plan.layers.forecast import growth
 from waam_plan.plan import Plan, PlannedLayer
 
 from .geometry import Deviation, deviation
@@ -27,7 +26,6 @@ class PassRecord:
     # what the plan before left for this pass; in pass 1, what it is planned to add
     set_height: float
     corrected_height: float  # what the pass adds after the scan, including what was missing
-    predicted_rms: float  # of the surface that the planner's process model predicts for the plan
     measured_rms: float = math.nan  # of the scan after the pass
     measured_mean: float = math.nan  # of the scan after the pass
     # thickness of the layers and why, in words; '' = the planner had nothing to choose
@@ -129,6 +127,11 @@ class Program:
         found = [p.planned[p.planned > 0] for p in self.current.layers if p.number == number]
         return float(np.median(found[0])) if found and found[0].size else 0.0
 
+    def metal_after(self, number: int) -> np.ndarray:
+        """(rows, cols) m of metal that the layers above `number` are still to lay, as it is planned now."""
+        rest = (p.planned for p in self.current.layers if p.number > number)
+        return np.sum([np.zeros(self.current.spec.shape), *rest], axis=0)
+
     def target_after(self, number: int) -> np.ndarray:
         """Wanted surface after layer `number` of the job, (rows, cols) m, NaN = do not care."""
         layers, i = self.current.layers, max(0, number - self.offset)
@@ -151,7 +154,6 @@ class Program:
                 layers=0,
                 set_height=0.0,
                 corrected_height=math.nan,
-                predicted_rms=math.nan,
             )
         height, before = float(adds[on].mean()), math.nan
         if left:
@@ -162,19 +164,8 @@ class Program:
             layers=self.here,
             set_height=height if first else before,
             corrected_height=math.nan if first else height,
-            predicted_rms=self._predicted(),
             schedule='; '.join(self.current.remarks),
         )
-
-    def _predicted(self) -> float:
-        """RMS (m) over the interior of what the process model makes of this pass, against its target."""
-        plan = self.current
-        if plan.mode == 'build':
-            return math.nan
-        surface = plan.as_found.z + _sum(growth(p, plan.spec, plan.settings) for p in self.layers)
-        error = (surface - self.target_after(self.layers[-1].number))[plan.interior]
-        error = error[np.isfinite(error)]
-        return float(np.sqrt(np.mean(error**2))) if error.size else math.nan
 
 
 def deviation_of(plan: Plan, z: np.ndarray, target: np.ndarray, tolerance: float) -> Deviation:

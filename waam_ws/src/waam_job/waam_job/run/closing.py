@@ -7,6 +7,7 @@ from collections.abc import Callable
 from ..model.goal import Code, JobError
 from ..model.records import State
 from ..model.verdict import Verdict
+from ..store import forecasts
 from .context import JobContext
 
 CLASS_OF = {  # of the anomaly that a failure leaves when nothing else has said what happened
@@ -40,7 +41,16 @@ def release(context: JobContext, verdict: Verdict) -> None:
     _try(context, lambda: cell.command('DISARM'))
     _try(context, lambda: cell.record(False, context.record_folder))
     context.note_remarks()
+    _look_for_forecast(context)
     _try(context, lambda: context.journal.report(verdict))
+
+
+def _look_for_forecast(context: JobContext) -> None:
+    if context.program.whole is not None and not context.journal.folder.passing:
+        found, why = forecasts.find(context.checked, context.program.whole.volume)
+        context.journal.forecast = found
+        if why:
+            context.journal.note('INFO', 'height', why, 'the report shows none')
 
 
 def _try(context: JobContext, step: Callable[[], object]) -> None:

@@ -18,7 +18,7 @@ from ..model.asked_scan import foreign
 from ..model.cell import LaidBeads, Scan
 from ..model.geometry import part_grid
 from ..model.goal import Code, JobError
-from ..model.outlook import WITHIN_REACH
+from ..model.outlook import reach
 from ..model.program import deviation_of
 from ..model.records import State
 from .context import JobContext
@@ -225,22 +225,29 @@ class PartScanner:
     def _note_height(self, layer: int, scan: Scan, wanted: np.ndarray) -> None:
         """The place where the surface is farthest from what was wanted."""
         error = np.where(self.program.current.interior, scan.map.z - wanted, np.nan)
-        row, col = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
+        row, col = (int(i) for i in np.unravel_index(np.nanargmax(np.abs(error)), error.shape))
         spec = scan.map.spec
-        closed = self.goal.loop_mode == LoopMode.CLOSED_LOOP and layer < self.program.total
-        reach = WITHIN_REACH * self.program.thickness(layer + 1)
-        within = abs(float(error[row, col])) <= reach
-        reaction = (
-            'the next layer corrects it' if within else 'more than the next layer can correct'
-        )
-        reaction = reaction if closed else 'none'
         self.journal.note(
             'WARNING',
             'height',
             f'{error[row, col] * 1e3:+.2f} mm after layer {layer}',
-            reaction,
+            self._reach(layer, abs(float(error[row, col])), row, col),
             (float(spec.x[col]), float(spec.y[row]), float(scan.map.z[row, col])),
         )
+
+    def _reach(self, layer: int, error: float, row: int, col: int) -> str:
+        """Who can still correct an error (m) at a cell after `layer`."""
+        program = self.program
+        left = program.total - layer
+        if self.goal.loop_mode != LoopMode.CLOSED_LOOP or left < 1:
+            return 'none'
+        rest, after = (program.metal_after(n)[row, col] for n in (layer, layer + 1))
+        if error <= reach(rest - after):
+            return 'within what the next layer can correct'
+        if error <= reach(rest):
+            return f'within what the {left} layers left can correct, more than the next one can'
+        layers = 'last layer' if left == 1 else f'{left} layers left'
+        return f'more than the {layers} can correct'
 
 
 def _as_seen_before(scan: Scan, seen: np.ndarray) -> Scan:

@@ -109,7 +109,8 @@ class JobRunner:
             for layer in self.context.program.layers:
                 if layer.number >= first:
                     scan = self.cycle.lay(layer, scan)
-                    self.outlook.after(layer, scan)
+                    laid = self.cycle.history
+                    self.outlook.after(layer, scan, laid.surface, laid.growth)
             if not self.passes.next(scan):
                 return scan
 

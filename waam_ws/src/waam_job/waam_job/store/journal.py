@@ -77,6 +77,7 @@ class Journal:
         self.started = cell.now()
         self.models: dict[str, list[int]] = {}
         self.learned: dict[str, Any] = {}  # what former jobs taught, for the report
+        self.forecast: dict[str, Any] | None = None  # what `waam forecast` had said of the job
         self.remarks: list[str] = []
         self.spent_before = 0.0  # s of the runs before this one
         # m of wire left after the layers reported; None = not known
@@ -308,6 +309,7 @@ class Journal:
             material=self.material,
         )
         run |= {'duration_s': self.spent_before + self.elapsed, 'runs': self.run}
+        run |= {'forecast': self.forecast}
         goal = self.goal
         self.folder.write_json(
             job_folder.REPORT,
