@@ -1,0 +1,55 @@
+"""A robot behind a stock trajectory controller.
+
+ros.jtc_refused: goals that the driver refused in 20 short jobs with goals that come 0 to 80 ms late and a clock that is
+up to 50 ms ahead or behind; jobs that were refused before the arc count none. ros.jtc_cut: arcs that were cut in them.
+The driver is that of the simulated cell, by the rules of ros2_controllers (baseline: jobs that were laid to the end).
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import tempfile
+from pathlib import Path
+
+from lib.emit import emit
+
+TESTS = Path(__file__).parents[1] / 'waam_ws/src/waam_robot_bridge/test'
+DELAYS, OFFSETS = (0.0, 0.02, 0.04, 0.06, 0.08), (-0.05, -0.025, 0.025, 0.05)  # s
+END = (0.05, 0.02, 0.17)  # m, 30 mm of a bead
+
+
+def jtc() -> None:
+    """One cell after the other: they keep step with the wall clock."""
+    refused = cut = laid = 0
+    for delay, offset in itertools.product(DELAYS, OFFSETS):
+        with tempfile.TemporaryDirectory() as logs:
+            said, errors, whole = job(Path(logs), delay, offset)
+        refused, cut, laid = refused + errors, cut + (not said and not whole), laid + whole
+        told = said or f'{errors} goals refused, {"whole" if whole else "cut"}'
+        print(f'# late {delay * 1e3:.0f} ms, clock {offset * 1e3:+.0f} ms: {told}', file=sys.stderr)
+    emit('ros.jtc_refused', refused, 'goals', 'jobs laid to the end', laid)
+    emit('ros.jtc_cut', cut, 'jobs', 'jobs laid to the end', laid)
+
+
+def job(logs: Path, delay: float, offset: float) -> tuple[str, int, bool]:
+    """What the bridge said before the arc ('' = nothing), goals refused after that, and whether the bead was laid."""
+    if str(TESTS) not in sys.path:
+        sys.path.append(str(TESTS))
+    from bridge_graph import until
+    from driver_cell import Cell
+
+    cell = Cell(logs, delay=delay, offset=offset)
+    try:
+        answer = cell.arm()
+        if answer.error_code:
+            return answer.message, 0, False
+        before = cell.log('driver').count('goal refused')
+        cell.lay(END)
+        until(lambda: 1 in cell.done or 'is cut' in cell.state.message, what='the bead')
+        return '', cell.log('driver').count('goal refused') - before, 1 in cell.done
+    finally:
+        cell.close()
+
+
+FIGURES = {'ros.jtc_refused': jtc, 'ros.jtc_cut': jtc}
