@@ -26,7 +26,7 @@ def jtc() -> None:
         with tempfile.TemporaryDirectory() as logs:
             said, errors, whole = job(Path(logs), delay, offset)
         refused, cut, laid = refused + errors, cut + (not said and not whole), laid + whole
-        told = said or f'{errors} goals refused, {"whole" if whole else "cut"}'
+        told = said or f'{errors} goals refused, the bead is {"whole" if whole else "not whole"}'
         print(f'# late {delay * 1e3:.0f} ms, clock {offset * 1e3:+.0f} ms: {told}', file=sys.stderr)
     emit('ros.jtc_refused', refused, 'goals', 'jobs laid to the end', laid)
     emit('ros.jtc_cut', cut, 'jobs', 'jobs laid to the end', laid)
@@ -47,6 +47,8 @@ def job(logs: Path, delay: float, offset: float) -> tuple[str, int, bool]:
         before = cell.log('driver').count('goal refused')
         cell.lay(END)
         until(lambda: 1 in cell.done or 'is cut' in cell.state.message, what='the bead')
+        if 1 not in cell.done:
+            print(f'# {cell.state.message}', file=sys.stderr)
         return '', cell.log('driver').count('goal refused') - before, 1 in cell.done
     finally:
         cell.close()

@@ -67,13 +67,16 @@ class Cell(Graph):
         return self.ask(Command.Request.ARM, text='job', names=['bridge'])
 
     def strike(self, end: tuple[float, float, float] = END) -> None:
-        """Homed, armed, and a bead at 10 mm/s before it, to `end` (m)."""
+        """Homed, armed, and the arc burns on the way to `end` (m), at 10 mm/s."""
         answer = self.arm()
         assert answer.error_code == 0, answer.message
         self.lay(end)
+        until(lambda: self.welder.arc, what='the arc')
+        time.sleep(0.5)
+        assert self.welder.arc
 
-    def lay(self, end: tuple[float, float, float] = END) -> None:
-        """Of one that is armed."""
+    def lay(self, end: tuple[float, float, float]) -> None:
+        """The bead of a cell that is armed."""
         time.sleep(0.3)
         here = self.telemetry[-1].position
         source = {'arc': True, 'wire_feed_speed': 0.1, 'voltage': 22.0}
@@ -84,6 +87,3 @@ class Cell(Graph):
             ]
         )
         assert (answer.error_code, answer.accepted) == (0, 2), answer.message
-        until(lambda: self.welder.arc, what='the arc')
-        time.sleep(0.5)
-        assert self.welder.arc

@@ -24,6 +24,7 @@ from waam_sim.robot import Trajectory
 
 PARK = np.array([[0.010, 0.010, 0.190]])  # m
 PERIOD = 0.01  # s
+SPAN_US = 1000  # in which the speed is measured
 
 
 class ExactAxes:
@@ -52,8 +53,9 @@ class ExactAxes:
         before, joints, rates = self._told
         if self._goal:
             self.behind_us += round((1 - self.speed_scale) * (now - before))
-            moved = self._goal.at(np.array([now - self.behind_us]))[0]
-            joints, rates = moved, (moved - joints) / max((now - before) * 1e-6, 1e-3)
+            at = now - self.behind_us
+            earlier, joints = self._goal.at(np.array([at - SPAN_US, at]))
+            rates = self.speed_scale * (joints - earlier) / (SPAN_US * 1e-6)
         self._told = now, joints, rates
 
 

@@ -161,7 +161,7 @@ class TrajectoryController:
             self._node.get_logger().error(f'goal refused: {said}')
             return GoalResponse.REJECT
         with self._lock:
-            trajectory = rules.begun(given, self._now_us(), *self._axes.state()[1:])
+            trajectory = rules.begun(given, *self._axes.state())
             self._follow(trajectory)
         self._taken[id(goal)] = trajectory, self._limits(goal)
         return GoalResponse.ACCEPT
