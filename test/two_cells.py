@@ -20,6 +20,7 @@ from waam_msgs.action import RunJob
 
 LEFT_OUT = ('dashboard', 'panel')
 READY_S, TURN_S = 240.0, 0.1
+RATE = 3.0  # simulated s per s: as fast as they can, two cells leave no time to answer
 USUAL = {
     'name': 'short', 'mode': 'restore', 'material': 'er70s-6', 'loop_mode': 'closed_loop', 'layers': 1,
     'layer_height': 0.0, 'bead_width': 0.0, 'k_gain': float('nan'), 'tolerance': 0.2, 'scale': 1e-3, 'note': [],
@@ -48,7 +49,7 @@ class Cell:
             )
         )
         settings = Settings(
-            self.folder / self.namespace / 'run', seed=3, preset='gentle', namespace=self.namespace,
+            self.folder / self.namespace / 'run', seed=3, rate=RATE, preset='gentle', namespace=self.namespace,
             params_files=(file,), without=LEFT_OUT,
         )  # fmt: skip
         with patch.dict(os.environ, WAAM_JOBS=str(self.jobs)):
