@@ -36,7 +36,7 @@ def test_two_cells_in_one_domain_do_not_meet(tmp_path, part):
             (result,) = cell.results
             assert result.error_code == 0, result.message
             assert Path(result.job_dir).parent == cell.jobs
-        with GraphClient(domain) as client:
+        with GraphClient(domain, cells[0].namespace) as client:
             client.until(lambda: False, 1.0)
             topics = dict(client.node.get_topic_names_and_types())
             assert {t for t in topics if not t.startswith(('/cell1/', '/cell2/'))} <= OF_ALL

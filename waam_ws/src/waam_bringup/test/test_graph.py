@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from waam_bringup import run_state
 from waam_bringup.graph import GraphError, Settings, environment, fill, load, processes
@@ -317,3 +318,17 @@ def test_a_sequencer_that_was_started_again_ends_the_wait_for_its_job(tmp_path):
     state.save(tmp_path)
     assert trouble() == 'it hung; the job is interrupted'
     assert graph_watch(tmp_path)() == '', 'of a job that begins afterwards'
+
+
+def test_every_node_is_in_one_group_of_the_diagnostics():
+    """As stock diagnostic_aggregator matches names: by how they begin."""
+    text = (Path(__file__).parents[1] / 'config' / 'diagnostics.yaml').read_text()
+    groups = [
+        g for g in yaml.safe_load(text)['/**']['ros__parameters'].values() if isinstance(g, dict)
+    ]
+    begins = [begin for group in groups for begin in group['startswith']]
+    names = {d.get('name', n) for n, d in load().items() if d.get('ros', True)}
+    assert {n: sum(f'{n}: state'.startswith(b) for b in begins) for n in names} == dict.fromkeys(
+        names, 1
+    )
+    assert len(begins) == len(names)
