@@ -1,8 +1,11 @@
-"""A robot behind a stock trajectory controller.
+"""What users of stock ROS 2 expect.
 
 ros.jtc_refused: goals that the driver refused in 20 short jobs with goals that come 0 to 80 ms late and a clock that is
 up to 50 ms ahead or behind; jobs that were refused before the arc count none. ros.jtc_cut: arcs that were cut in them.
 The driver is that of the simulated cell, by the rules of ros2_controllers (baseline: jobs that were laid to the end).
+
+ros.namespaced: of two cells in two namespaces of one domain, those whose job ends well and whose record holds
+nothing of the other one (baseline: cells).
 """
 
 from __future__ import annotations
@@ -14,9 +17,12 @@ from pathlib import Path
 
 from lib.emit import emit
 
-TESTS = Path(__file__).parents[1] / 'waam_ws/src/waam_robot_bridge/test'
+ROOT = Path(__file__).parents[1]
+TESTS = ROOT / 'waam_ws/src/waam_robot_bridge/test', ROOT / 'test'
+JOBS_S = 900.0
 DELAYS, OFFSETS = (0.0, 0.02, 0.04, 0.06, 0.08), (-0.05, -0.025, 0.025, 0.05)  # s
 END = (0.05, 0.02, 0.17)  # m, 30 mm of a bead
+sys.path += [str(t) for t in TESTS if str(t) not in sys.path]
 
 
 def jtc() -> None:
@@ -34,8 +40,6 @@ def jtc() -> None:
 
 def job(logs: Path, delay: float, offset: float) -> tuple[str, int, bool]:
     """What the bridge said before the arc ('' = nothing), goals refused after that, and whether the bead was laid."""
-    if str(TESTS) not in sys.path:
-        sys.path.append(str(TESTS))
     from bridge_graph import until
     from driver_cell import Cell
 
@@ -54,4 +58,23 @@ def job(logs: Path, delay: float, offset: float) -> tuple[str, int, bool]:
         cell.close()
 
 
-FIGURES = {'ros.jtc_refused': jtc, 'ros.jtc_cut': jtc}
+def namespaced() -> None:
+    """Each lays one layer in a worn block, at the same time."""
+    import numpy as np
+    from two_cells import lay_both, two_cells
+
+    from waam_node.stl import write_worn_block
+    from waam_node.testing import fresh_domain
+
+    x, y = np.linspace(0, 36, 37), np.linspace(0, 30, 31)
+    worn = np.full((31, 37), 1.5) * (np.hypot(*np.meshgrid(x - 18, y - 15)) < 10)
+    with tempfile.TemporaryDirectory() as folder:
+        part = write_worn_block(Path(folder), x, y, 12.0, worn)
+        values = {'cell1': {'bridge': {'speed_max': 0.4}}, 'cell2': {'bridge': {'speed_max': 0.3}}}
+        with two_cells(Path(folder), fresh_domain(), values) as cells:
+            lay_both(cells, part, JOBS_S)
+        good = [not c.results[0].error_code and not c.strangers() for c in cells]
+    emit('ros.namespaced', sum(good), 'cells', 'cells', len(good))
+
+
+FIGURES = {'ros.jtc_refused': jtc, 'ros.jtc_cut': jtc, 'ros.namespaced': namespaced}

@@ -17,8 +17,10 @@ from waam_bringup.graph import Settings
 from waam_bringup.jobs import make_goal
 from waam_bringup.supervisor import Supervisor
 from waam_msgs.action import RunJob
+from waam_record.bag_reader import info
 
 LEFT_OUT = ('dashboard', 'panel')
+MANY_TOPICS = 20
 READY_S, TURN_S = 240.0, 0.1
 RATE = 3.0  # simulated s per s: as fast as they can, two cells leave no time to answer
 USUAL = {
@@ -69,6 +71,13 @@ class Cell:
             client.load_part(str(part[1]), (0.0, 0.0, 0.0), 3)
             goal = make_goal(SimpleNamespace(**USUAL, part=part[0]), self.jobs)
             self.results.append(client.run_job(goal, lambda _: None, lambda: ''))
+
+    def strangers(self) -> list[str]:
+        """Topics in the record of its job that are not of this cell. ValueError where it holds hardly any."""
+        topics = info(Path(self.results[0].job_dir) / 'record').topics
+        if len(topics) < MANY_TOPICS:
+            raise ValueError(f'the record of {self.namespace} has {len(topics)} topics')
+        return [t for t in topics if not t.startswith(f'/{self.namespace}/')]
 
 
 @contextmanager
