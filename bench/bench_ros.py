@@ -26,7 +26,12 @@ sys.path += [str(t) for t in TESTS if str(t) not in sys.path]
 
 
 def jtc() -> None:
-    """One cell after the other: they keep step with the wall clock."""
+    """One cell after the other: they keep step with the wall clock, at the priority that a real cell has."""
+    from waam_node import priority
+
+    print(
+        f'# priority: {priority.request()}', file=sys.stderr
+    )  # the processes of the cell inherit it
     refused = cut = laid = 0
     for delay, offset in itertools.product(DELAYS, OFFSETS):
         with tempfile.TemporaryDirectory() as logs:

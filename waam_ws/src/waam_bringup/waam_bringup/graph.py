@@ -202,7 +202,9 @@ def told_to(node: str, settings: Settings) -> dict[str, Any]:
         except (OSError, ValueError, yaml.YAMLError) as e:
             raise GraphError(f'{file}: {e}') from None
         blocks = text if isinstance(text, dict) else {}
-        for name in sorted(blocks, key=lambda n: -str(n).count('*')):  # the plain ones win
+        for name in sorted(
+            blocks, key=lambda n: (-str(n).count('*'), len(str(n)))
+        ):  # the closest wins
             told = blocks[name] if matches(str(name), whole) else None
             values = told.get('ros__parameters') if isinstance(told, dict) else None
             found |= values if isinstance(values, dict) else {}

@@ -69,7 +69,7 @@ class Tolerances:
                 for row, value in enumerate((one.position, one.velocity)):
                     made[row, n] = _resolved(made[row, n], value, one.name)
             both.append(made)
-        return Tolerances(*both, _resolved(self.late, late, 'goal_time_tolerance'))
+        return Tolerances(both[0], both[1], _resolved(self.late, late, 'goal_time_tolerance'))
 
 
 def _resolved(usual: float, given: float, name: str) -> float:
