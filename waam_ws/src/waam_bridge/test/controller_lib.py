@@ -52,7 +52,7 @@ def _library() -> ctypes.CDLL:
     path = (
         Path(other).parent
         if other
-        else Path(get_package_prefix('waam_firmware')) / 'lib/waam_firmware'
+        else Path(get_package_prefix('waam_firmware')) / 'lib'
     )
     lib = ctypes.CDLL(str(path / 'libwaam_controller_lib.so'))
     lib.controller_lib_new.restype = ctypes.c_void_p

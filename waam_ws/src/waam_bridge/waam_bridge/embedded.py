@@ -51,9 +51,9 @@ class View(ctypes.Structure):
 
 
 def _find() -> Path:
-    """Where `ros2 run` would look: <prefix>/lib/waam_firmware of the prefixes that are sourced."""
+    """<prefix>/lib of the prefixes that are sourced."""
     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
-        candidate = Path(prefix) / 'lib' / 'waam_firmware' / LIBRARY
+        candidate = Path(prefix) / 'lib' / LIBRARY
         if prefix and candidate.exists():
             return candidate
     raise OSError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -10,9 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from waam_bringup import run_state
-from waam_bringup.graph import GraphError, Settings, fill, load, middleware, processes
+from waam_bringup.graph import GraphError, Settings, environment, fill, load, processes
 from waam_bringup.operate import graph_watch
 from waam_bringup.parts import DEPTH, HEIGHT, write_parts
 from waam_bringup.run_state import NodeState, RunState, describe_exit
@@ -82,6 +82,7 @@ def test_the_simulated_gantry_takes_the_steps_of_the_parameter_file(tmp_path):
 
     assert steps() == '320,320,320'
     assert steps(params_files=(file,)) == '150,320,320'
+    assert steps(params_files=(file,), namespace='cell2') == '150,320,320'
     assert steps(params_files=(file,), machine_steps=(151.5, 320.0, 321.0)) == '151.5,320,321'
 
 
@@ -242,21 +243,12 @@ def test_unknown_key_and_variable_are_named(tmp_path):
 
 
 def test_the_cell_is_looked_for_on_this_computer_only_unless_somebody_says_otherwise():
-    made = middleware({})
+    made = environment({})
     assert made['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert Path(made['FASTRTPS_DEFAULT_PROFILES_FILE']).exists()
-    assert middleware({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}) == {}
-    own = middleware({'FASTRTPS_DEFAULT_PROFILES_FILE': '/mine.xml'})
-    assert own == {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-
-
-def test_launch_file_starts_the_same_processes():
-    """Without the launch library only the shape can be checked: it must take its commands from the same function."""
-    text = (Path(__file__).parents[1] / 'launch' / 'cell.launch.py').read_text()
-    assert 'from waam_bringup.graph import Settings, middleware, processes' in text
-    assert 'middleware(os.environ)' in text
-    assert 'for p in processes(settings)' in text
-    assert importlib.util.find_spec('launch') is None or compile(text, 'cell.launch.py', 'exec')
+    assert environment({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}) == {'PYTHONUNBUFFERED': '1'}
+    own = environment({'FASTRTPS_DEFAULT_PROFILES_FILE': '/mine.xml'})
+    assert own == {'PYTHONUNBUFFERED': '1', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
 def test_state_survives_the_disk_and_a_dead_supervisor_is_noticed(tmp_path):
@@ -326,3 +318,17 @@ def test_a_sequencer_that_was_started_again_ends_the_wait_for_its_job(tmp_path):
     state.save(tmp_path)
     assert trouble() == 'it hung; the job is interrupted'
     assert graph_watch(tmp_path)() == '', 'of a job that begins afterwards'
+
+
+def test_every_node_is_in_one_group_of_the_diagnostics():
+    """As stock diagnostic_aggregator matches names: by how they begin."""
+    text = (Path(__file__).parents[1] / 'config' / 'diagnostics.yaml').read_text()
+    groups = [
+        g for g in yaml.safe_load(text)['/**']['ros__parameters'].values() if isinstance(g, dict)
+    ]
+    begins = [begin for group in groups for begin in group['startswith']]
+    names = {d.get('name', n) for n, d in load().items() if d.get('ros', True)}
+    assert {n: sum(f'{n}: state'.startswith(b) for b in begins) for n in names} == dict.fromkeys(
+        names, 1
+    )
+    assert len(begins) == len(names)

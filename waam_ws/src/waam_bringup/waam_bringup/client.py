@@ -48,10 +48,11 @@ class ClientError(RuntimeError):
 class GraphClient:
     """Use as a context manager. All waiting is bounded and lets the executor run."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, namespace: str = '') -> None:
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node(f'waam_cli_{os.getpid()}', context=self.context)
+        name = f'waam_cli_{os.getpid()}'
+        self.node = rclpy.create_node(name, context=self.context, namespace=namespace)
         self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.machine: MachineState | None = None

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from waam_node import priority
+from waam_node.parameter_files import matches
 from waam_process.names import TEMPERATURE_INPUTS
 from waam_process.operating import DEFAULT_PRESET, GANTRY, ROBOT, check_preset
 from waam_shop.cells import FIRST
@@ -46,6 +47,7 @@ class Settings:
     machine: str = GANTRY  # or another of MACHINES
     preset: str = DEFAULT_PRESET  # of PRESETS: how rough the simulated cell is
     pyrometer: str = ''  # of a real cell: one of TEMPERATURE_INPUTS, or a source of its node
+    namespace: str = ''  # of every node; '' = none, then the cell has a ROS domain of its own
 
     @property
     def simulated(self) -> bool:
@@ -75,8 +77,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class Process:
-    """One process: name (= node name), command line, whether it is a ROS node, whether the arc lease needs it, what is
-    added to its environment, and when it is started again."""
+    """One process: name (= node name), command line and what it is made of, whether it is a ROS node, whether the arc
+    lease needs it, what is added to its environment, and when it is started again. ros_arguments: those that stand
+    behind --ros-args in the command line, but for name, namespace and remappings."""
 
     name: str
     command: list[str]
@@ -85,11 +88,16 @@ class Process:
     package: str = ''
     executable: str = ''
     arguments: list[str] = field(default_factory=list)
+    ros_arguments: list[str] = field(default_factory=list)
+    namespace: str = ''
+    remappings: tuple[tuple[str, str], ...] = ()
     environment: dict[str, str] = field(default_factory=dict)
     restart: bool = False  # when it hangs between jobs
     restart_always: bool = False  # whenever it has died
 
 
+# topics that are not below a namespace by themselves: two cells in one ROS domain would hear each other's
+SHARED = tuple((f'/{name}', name) for name in ('clock', 'tf', 'tf_static', 'diagnostics'))
 STOP_LANE = 'stop_lane'  # in the graph when it has a port
 CELL = 'cell'  # node of the simulated cell, whatever its machine
 ONLY: dict[str, Callable[[Settings], bool]] = {  # when a node is in the graph
@@ -103,9 +111,14 @@ KEYS = {
 }  # fmt: skip
 
 
-def middleware(given: Mapping[str, str]) -> dict[str, str]:
-    """What the middleware of every process is told where the environment `given` says nothing: an open cell is a safety
-    hole, so others are looked for on this computer only."""
+def environment(given: Mapping[str, str]) -> dict[str, str]:
+    """What every process is told beside the environment `given`, whoever starts it: lines of a log come when they are
+    written, and others are looked for on this computer only, unless somebody says how: an open cell is a safety hole.
+    """
+    return {'PYTHONUNBUFFERED': '1', **_middleware(given)}
+
+
+def _middleware(given: Mapping[str, str]) -> dict[str, str]:
     if given.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST') != 'LOCALHOST':
         return {}  # who wants others to come in says how
     profile = share('waam_bringup') / 'config' / 'fastdds.xml'
@@ -182,13 +195,17 @@ def panel_access(settings: Settings) -> list[str]:
 def told_to(node: str, settings: Settings) -> dict[str, Any]:
     """What parameter files say to a node; the last one wins."""
     found: dict[str, Any] = {}
+    whole = f'/{settings.namespace}/{node}'.replace('//', '/')
     for file in settings.params_files:
         try:
             text = yaml.safe_load(file.read_text())
         except (OSError, ValueError, yaml.YAMLError) as e:
             raise GraphError(f'{file}: {e}') from None
-        for name in ('/**', f'/**/{node}', node, f'/{node}'):
-            told = text.get(name) if isinstance(text, dict) else None
+        blocks = text if isinstance(text, dict) else {}
+        for name in sorted(
+            blocks, key=lambda n: (-str(n).count('*'), len(str(n)))
+        ):  # the closest wins
+            told = blocks[name] if matches(str(name), whole) else None
             values = told.get('ros__parameters') if isinstance(told, dict) else None
             found |= values if isinstance(values, dict) else {}
     return found
@@ -259,18 +276,30 @@ def _process(name: str, node: dict, settings: Settings, lease_nodes: list[str]) 
     package, exe = node['package'], node.get('executable', name)
     filled = [fill(a, settings, lease_nodes) for a in node.get('arguments', [])]
     arguments = [str(a) for f in filled for a in (f if isinstance(f, list) else [f])]
-    if node.get('ros', True):
-        arguments += _ros_arguments(name, node, settings, lease_nodes)
+    command, ros_arguments = [str(executable(package, exe)), *arguments], []
+    ros, namespace = node.get('ros', True), settings.namespace
+    remappings = SHARED if ros and namespace else ()
+    if ros:
+        ros_arguments = _ros_arguments(name, node, settings, lease_nodes)
+        rules = [('__node', name), *([('__ns', f'/{namespace}')] if namespace else []), *remappings]
+        command += [
+            '--ros-args',
+            *(w for a, b in rules for w in ('-r', f'{a}:={b}')),
+            *ros_arguments,
+        ]
     return Process(
         name=name,
-        command=[str(executable(package, exe)), *arguments],
-        ros=node.get('ros', True),
+        command=command,
+        ros=ros,
         lease=node.get('lease', True),
         package=package,
         executable=exe,
         arguments=arguments,
+        ros_arguments=ros_arguments,
+        namespace=namespace if ros else '',
+        remappings=remappings,
         environment={priority.VARIABLE: '1'} if settings.paced and node.get('realtime') else {},
-        restart=node.get('ros', True) and bool(node.get('restart', True)),
+        restart=ros and bool(node.get('restart', True)),
         restart_always=node.get('restart') == 'always',
     )
 
@@ -281,7 +310,7 @@ def preset_file(preset: str) -> Path:
 
 
 def _ros_arguments(name: str, node: dict, settings: Settings, lease_nodes: list[str]) -> list[str]:
-    arguments = ['--ros-args', '-r', f'__node:={name}']
+    arguments = []
     defaults = share(node['package']) / 'config' / f'{name}.yaml'
     if defaults.exists():
         arguments += ['--params-file', str(defaults)]

@@ -20,7 +20,7 @@ from waam_node import alive, priority, restart
 from waam_node.files import write_state
 
 from . import run_state, shared_memory
-from .graph import Process, Settings, middleware, processes
+from .graph import Process, Settings, environment, processes
 from .run_state import ENDED, NodeState, RunState, describe_exit, job_runs, job_status
 from .urgency import Urgency
 from .watchdog import Watchdog
@@ -64,11 +64,11 @@ class Supervisor:
             self.state.nodes[spec.name] = NodeState(self._launch(spec, 'w').pid)
         self.state.save(run)
 
-    def _launch(self, spec: Process, mode: str, **environment: str) -> subprocess.Popen:
-        """Starts one process; mode: of opening its log."""
+    def _launch(self, spec: Process, mode: str, **more: str) -> subprocess.Popen:
+        """Starts one process; mode: of opening its log; more: of its environment."""
         run = self.settings.run
-        base = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain), PYTHONUNBUFFERED='1')
-        base |= middleware(base)
+        base = dict(os.environ, ROS_DOMAIN_ID=str(self.state.domain))
+        base |= environment(base)
         base |= {'ROS_LOG_DIR': str(run / 'logs' / 'ros'), alive.ADDRESS: self.watchdog.address}
         with open(run / 'logs' / f'{spec.name}.log', mode) as log:
             child = subprocess.Popen(
@@ -76,7 +76,7 @@ class Supervisor:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env=base | spec.environment | environment,
+                env=base | spec.environment | more,
                 start_new_session=True,  # Ctrl-C in the terminal reaches the supervisor, which stops them in order
             )
         self.children[spec.name] = child

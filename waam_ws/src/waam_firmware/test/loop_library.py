@@ -13,7 +13,7 @@ def path(loop: str) -> Path:
     name = f'libwaam_{loop}.so'
     if controller := os.environ.get('WAAM_VIRTUAL_CONTROLLER'):
         return Path(controller).with_name(name)
-    return Path(__file__).parents[3] / 'install/waam_firmware/lib/waam_firmware' / name
+    return Path(__file__).parents[3] / 'install/waam_firmware/lib' / name
 
 
 def load(loop: str) -> ctypes.CDLL:

@@ -6,6 +6,7 @@ import ctypes
 import math
 from decimal import Decimal
 
+import loop_library
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -23,10 +24,9 @@ class Cursor(ctypes.Structure):
 
 
 @pytest.fixture(scope='module')
-def read(controller_path):
+def read():
     """(value, bytes read) of a text; None where the controller finds no number."""
-    build = controller_path.parents[1] / 'waam_firmware'
-    library = ctypes.CDLL(str(build / 'libwaam_controller_lib.so'))
+    library = loop_library.load('controller_lib')
     library.waam_read_number.restype = ctypes.c_bool
 
     def read(text: str) -> tuple[float, int] | None:

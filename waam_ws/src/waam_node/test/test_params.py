@@ -6,10 +6,13 @@ import math
 from dataclasses import dataclass, fields
 
 import pytest
+import rclpy
 from hypothesis import given
 from hypothesis import strategies as st
 
+from waam_node.node import WaamNode
 from waam_node.params import ParameterError, from_dict, hint, markdown, param
+from waam_node.testing import fresh_domain
 
 
 @dataclass(frozen=True)
@@ -86,3 +89,36 @@ def test_markdown_has_every_parameter_with_unit_and_limits():
     for f in fields(Example):
         assert f'`{f.name}`' in table
     assert '0.0001 … 0.005' in table and 'zero, proportional' in table
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Parameters with and without limits."""
+
+    both: float = param(0.5, 'an edge', 'm', 0, 1.0)
+    low: int = param(3, 'a depth', '', 1)
+    high: float = param(0.5, 'a limit', '', None, 2.0)
+    unknown: float = param(math.nan, 'as in the controller', '', 0.0, 1.0)
+    free: float = param(0.5, 'anything')
+    on: bool = param(True, 'a switch')
+
+
+def test_limits_are_ranges_in_the_descriptors():
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=fresh_domain())
+    node = WaamNode('ranges', Ranges, context=context)
+    try:
+        told = {f.name: node.describe_parameter(f.name) for f in fields(Ranges)}
+        reals = {
+            n: [(r.from_value, r.to_value) for r in d.floating_point_range] for n, d in told.items()
+        }
+        whole = {n: [(r.from_value, r.to_value) for r in d.integer_range] for n, d in told.items()}
+        assert {n: r for n, r in reals.items() if r} == {
+            'both': [(0.0, 1.0)],
+            'high': [(-math.inf, 2.0)],
+        }
+        assert {n: r for n, r in whole.items() if r} == {'low': [(1, 2**63 - 1)]}
+        assert told['both'].description == 'an edge [m]'
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)

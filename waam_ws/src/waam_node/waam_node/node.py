@@ -6,6 +6,7 @@ import _thread
 import dataclasses
 import faulthandler
 import gc
+import math
 import os
 import secrets
 import signal
@@ -14,12 +15,17 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
@@ -87,6 +93,7 @@ class WaamNode(Node):
                 description=f.metadata['description'] + unit,
                 read_only=not f.metadata['changeable'],
                 dynamic_typing=isinstance(value, tuple),
+                **_range(value, f.metadata),
             )
             self.declare_parameter(
                 f.name, list(value) if isinstance(value, tuple) else value, descriptor
@@ -148,6 +155,18 @@ class WaamNode(Node):
     def now_s(self) -> float:
         """ROS time in seconds."""
         return self.get_clock().now().nanoseconds * 1e-9
+
+
+def _range(value: Any, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """What a descriptor says of the limits of a parameter; no range for NaN, which ROS would refuse."""
+    low, high = meta.get('minimum'), meta.get('maximum')
+    if isinstance(value, bool) or value != value or (low is None and high is None):
+        return {}
+    if isinstance(value, int):
+        low, high = -(2**63) if low is None else low, 2**63 - 1 if high is None else high
+        return {'integer_range': [IntegerRange(from_value=int(low), to_value=int(high))]}
+    ends = (-math.inf if low is None else float(low), math.inf if high is None else float(high))
+    return {'floating_point_range': [FloatingPointRange(from_value=ends[0], to_value=ends[1])]}
 
 
 class CallError(RuntimeError):

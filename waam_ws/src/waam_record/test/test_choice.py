@@ -27,3 +27,10 @@ def test_exclusion_wins():
 def test_a_wrong_expression_is_named():
     with pytest.raises(ChoiceError, match=r"parameter 'regex': '\(' is no regular expression"):
         Choice(regex='(')
+
+
+def test_of_another_namespace_only_what_is_named_is_taken():
+    choice = Choice(below='/cell2')
+    assert choice.wants('/cell2/telemetry', STRING)
+    assert not choice.wants('/cell21/telemetry', STRING) and not choice.wants('/rosout', STRING)
+    assert Choice(topics='/rosout', below='/cell2').wants('/rosout', STRING)

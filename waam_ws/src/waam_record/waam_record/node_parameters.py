@@ -13,6 +13,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from .choice import is_below
+
 _FIELDS = (
     None, 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
     'bool_array_value', 'integer_array_value', 'double_array_value', 'string_array_value',
@@ -69,7 +71,8 @@ def _call(client: Client, request: Any) -> Any:
 class ParameterReader:
     """Call `read` at any time; it never waits. A node of its own, so that nothing else is disturbed."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: Context, namespace: str = '/') -> None:
+        self._namespace = namespace
         self._node = Node(
             '_recorder_parameters',
             context=context,
@@ -82,10 +85,11 @@ class ParameterReader:
         self._asked: dict[str, _Asked] = {}
 
     def read(self) -> dict[str, str]:
-        """`parameters.<node>` with the parameters as JSON, of the nodes that have answered so far."""
+        """`parameters.<node>` with the parameters as JSON, of the nodes of the namespace that have answered so far."""
         for name, kinds in self._node.get_service_names_and_types():
             node, _, service = name.rpartition('/')
-            if service == 'list_parameters' and node not in self._asked and kinds:
+            known = node in self._asked or not is_below(node, self._namespace)
+            if service == 'list_parameters' and not known and kinds:
                 self._asked[node] = _Asked(self._node, node)
         for _ in range(4 * len(self._asked) if self._busy else 0):
             self._executor.spin_once(timeout_sec=0.0)
@@ -93,7 +97,8 @@ class ParameterReader:
             if asked.text is None:
                 asked.advance()
         found = {n: a.text for n, a in self._asked.items() if a.text is not None}
-        return {f'parameters.{n.lstrip("/")}': text for n, text in found.items()}
+        below = self._namespace.rstrip('/') + '/'
+        return {f'parameters.{n.removeprefix(below)}': text for n, text in found.items()}
 
     @property
     def _busy(self) -> bool:

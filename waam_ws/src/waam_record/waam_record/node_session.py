@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rclpy.context import Context
@@ -64,7 +64,7 @@ class Session:
     of the node's executor.
 
     simulated: messages are filed under ROS time (`now_ns` of `drain`) instead of their time of arrival;
-    on_progress: is called after every subscription.
+    on_progress: is called after every subscription. namespace: of the cell, whose topics and nodes are recorded.
     """
 
     def __init__(
@@ -75,6 +75,7 @@ class Session:
         params: RecorderParams,
         simulated: bool,
         on_progress: Callable[[], None] = lambda: None,
+        namespace: str = '/',
     ) -> None:
         limits = Limits(
             params.metadata_period,
@@ -85,8 +86,8 @@ class Session:
         require_space(directory, limits.free_bytes)
         writer = BagWriter(directory, {**versions(), **job_files(directory), **custom_data})
         self.recording = Recording(writer, limits)
-        self.taps = Taps(context, params.depth, params.choice)
-        self.parameters = ParameterReader(context)
+        self.taps = Taps(context, params.depth, replace(params.choice, below=namespace))
+        self.parameters = ParameterReader(context, namespace)
         self.paused = False
         self._simulated, self._on_progress = simulated, on_progress
         self._noted: dict[str, str] = {}

@@ -35,7 +35,7 @@ class RecordingThread:
     """Owns the session and everything it subscribes to. `ask`, `alive`, `answer_late`, `status`, `stuck_s` and `close`
     are for other threads.
 
-    ros_now_ns: ROS time in ns, 0 = not known yet; simulated: messages are filed under it.
+    ros_now_ns: ROS time in ns, 0 = not known yet; simulated: messages are filed under it; namespace: of the cell.
     """
 
     def __init__(
@@ -44,8 +44,9 @@ class RecordingThread:
         params: RecorderParams,
         ros_now_ns: Callable[[], int],
         simulated: bool,
+        namespace: str = '/',
     ) -> None:
-        self._context, self._params = context, params
+        self._context, self._params, self._namespace = context, params, namespace
         self._ros_now_ns, self._simulated = ros_now_ns, simulated
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._open: list[Request] = []  # asked and not done with, the oldest first
@@ -271,6 +272,7 @@ class RecordingThread:
             self._params,
             self._simulated,
             self._on_progress,
+            self._namespace,
         )
         try:
             self._session.discover()

@@ -37,6 +37,7 @@ class Recorder(WaamNode):
             self.params,
             lambda: clock.now().nanoseconds,
             self.get_parameter('use_sim_time').value,
+            self.get_namespace(),
         )
         self._recording.start(self.params.directory)
         self.create_timer(0.2, self._report, clock=self.steady)

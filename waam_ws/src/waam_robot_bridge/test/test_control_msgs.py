@@ -1,6 +1,6 @@
 """control_msgs is the stock package on the wire: type hashes, constants, and the bytes of a message packed by hand.
 
-Stock: github.com/ros-controls/control_msgs, branch jazzy, releases 5.3.0 to 5.8.0, which do not differ here. The hashes
+Stock: github.com/ros-controls/control_msgs, branch jazzy, releases 5.3.0 to 5.9.0, which do not differ here. The hashes
 are what rosidl_generator_type_description 4.6 computes from their files.
 """
 
@@ -43,6 +43,8 @@ STOCK = {
     'msg/DynamicInterfaceGroupValues': '0ebef56c55cdde46b4622f7e0a4dbf26fefbf0296205463e955047252b434cbc',
     'msg/InterfaceValue': '74a12144ef6b7af67533195cb30f7f607d3301b66950208a72d280695f3e190c',
     'msg/JointComponentTolerance': '739ea7566931944d33830fa10f1bf5e7a7fbdc3172bce7a7eaac642bd6e3ffa4',
+    'msg/JointTrajectoryControllerState': '51d8dd89cc624cbe9daaeeb4d80d6de9b86168ffdc3be41fefc0953e3c26e480',
+    'msg/SpeedScalingFactor': '0c240f349f2b74e33e8741f83e0f196ddeb6585923663876ed3c1f51f0566037',
     'msg/JointTolerance': 'c254f9cece0f3b733017b6990fd46d1326e25242d6b8844398c97d9a88e7d648',
 }
 ERRORS = {

@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections import deque
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-import rclpy
-from action_msgs.msg import GoalStatusArray
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rclpy.action import ActionClient, GoalResponse
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 
-from waam_node.testing import fresh_domain
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge import conversions as convert
 from waam_robot_bridge import node_driver
 from waam_robot_bridge.controller import JointState
 from waam_robot_bridge.goals import Goal
 from waam_robot_bridge.params import NAMES
-from waam_sim import node_robot
-from waam_sim.node_robot import goal_from_msg
+from waam_sim.node_trajectory import trajectory_from_msg
 
 
 def goal(seed: int = 1, points: int = 5, start_us: int = 1_750_000_000_123_456) -> Goal:
@@ -44,10 +34,10 @@ def test_a_goal_arrives_in_any_order_of_joints(seed, points, start_us, names):
     sent = goal(seed, points, start_us)
     order = [NAMES.index(name) for name in names]
     shuffled = Goal(start_us, sent.time, sent.tips, sent.joints[:, order], sent.rates[:, order])
-    got_us, time, joints, rates = goal_from_msg(convert.goal_to_msg(shuffled, names))
-    assert got_us == start_us
-    assert np.allclose(time, sent.time, atol=1e-9)
-    assert np.array_equal(joints, sent.joints) and np.array_equal(rates, sent.rates)
+    got = trajectory_from_msg(convert.goal_to_msg(shuffled, names))
+    assert got.start_us == start_us
+    assert np.allclose(got.time, sent.time, atol=1e-9)
+    assert np.array_equal(got.joints, sent.joints) and np.array_equal(got.rates, sent.rates)
 
 
 def spoilt(how: str) -> FollowJointTrajectory.Goal:
@@ -55,8 +45,8 @@ def spoilt(how: str) -> FollowJointTrajectory.Goal:
     trajectory = msg.trajectory
     if how == 'name':
         trajectory.joint_names[3] = 'joint_9'
-    elif how == 'short':
-        trajectory.points = trajectory.points[:1]
+    elif how == 'empty':
+        trajectory.points = []
     elif how == 'velocity':
         trajectory.points[2].velocities = []
     elif how == 'nan':
@@ -70,7 +60,7 @@ def spoilt(how: str) -> FollowJointTrajectory.Goal:
     ('how', 'said'),
     [
         ('name', 'joint_4, joint_9'),
-        ('short', '1 points'),
+        ('empty', 'no points'),
         ('velocity', 'one velocity'),
         ('nan', 'finite'),
         ('time', 'times have to rise'),
@@ -78,7 +68,7 @@ def spoilt(how: str) -> FollowJointTrajectory.Goal:
 )
 def test_a_bad_goal_is_refused_with_the_reason(how, said):
     with pytest.raises(ValueError, match=said):
-        goal_from_msg(spoilt(how))
+        trajectory_from_msg(spoilt(how))
 
 
 def test_outputs_name_their_values():
@@ -150,60 +140,3 @@ def test_lost_joint_states_are_made_up_for_where_later_ones_are_there():
     assert made.time_us == 205_000 and made.joints == pytest.approx(np.full(8, 0.205))
     driver._states.clear()
     assert driver.state(100_000) is None
-
-
-def test_states_of_goals_that_have_ended_are_not_told_for_ever(monkeypatch):
-    """With every goal the states of all that are kept go out: those of minutes took most of the bridge's time."""
-    monkeypatch.setattr(node_robot, 'RESULT_KEPT_S', 1)
-    context = Context()
-    rclpy.init(context=context, domain_id=fresh_domain())
-    node = rclpy.create_node('robot', context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    _ = node_robot.TrajectoryController(node, threading.Lock(), lambda *_: None)
-    client = ActionClient(node, FollowJointTrajectory, node_robot.ACTION)
-    told: list[int] = []
-    node.create_subscription(
-        GoalStatusArray,
-        f'{node_robot.ACTION}/_action/status',
-        lambda m: told.append(len(m.status_list)),
-        10,
-    )
-
-    def until(condition, timeout: float = 20.0) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end
-            executor.spin_once(timeout_sec=0.05)
-
-    try:
-        until(lambda: client.server_is_ready())
-        for seed in range(6):
-            sent = client.send_goal_async(convert.goal_to_msg(goal(seed), NAMES))
-            until(sent.done)
-            until(sent.result().get_result_async().done)
-        until(lambda: max(told, default=0) >= 5)
-        over = time.monotonic() + 2.5
-        until(lambda: time.monotonic() > over)
-        told.clear()
-        sent = client.send_goal_async(convert.goal_to_msg(goal(9), NAMES))
-        until(lambda: told)
-        assert max(told) == 1
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-
-
-@pytest.mark.parametrize(
-    'late_us,speed,taken', [(39_000, 0.0, True), (41_000, 0.0, False), (0, 0.1, False)]
-)
-def test_the_simulated_robot_refuses_what_a_stock_controller_refuses(late_us, speed, taken):
-    sent = goal(points=5)  # 0.04 s
-    sent.rates[-1] = speed
-    judge = node_robot.TrajectoryController._judge
-    made = SimpleNamespace(
-        _names=NAMES, _beyond=lambda joints: '', _lock=threading.Lock(), _follow=lambda *_: None,
-        _now_us=lambda: sent.start_us + late_us, _node=MagicMock(),
-    )  # fmt: skip
-    made._broken = lambda *a: node_robot.TrajectoryController._broken(made, *a)
-    assert (judge(made, convert.goal_to_msg(sent, NAMES)) == GoalResponse.ACCEPT) is taken

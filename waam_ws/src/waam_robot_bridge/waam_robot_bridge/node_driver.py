@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
-from control_msgs.msg import DynamicInterfaceGroupValues
+from control_msgs.msg import DynamicInterfaceGroupValues, JointTrajectoryControllerState
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState as JointStateMsg
 
 from waam_node import qos
@@ -33,6 +35,8 @@ TAKEN_US = 10_000  # us of controller time by which a simulated cell may be ahea
 PATIENCE = 1.0  # s of the steady clock that it waits for such a goal
 SILENT = 0.3  # s of the steady clock and of ROS time, for a simulated cell may stand still
 LOST = 2.0  # s of the steady clock
+SCALING_S = 0.05  # s between looks at the controller's state, which comes as often as it computes
+FULL = 0.01  # share by which the speed may be off
 
 
 class RosDriver:
@@ -51,10 +55,15 @@ class RosDriver:
         self._asked = (0, 0.0)
         self._refused, self._when = '', 0.0  # why the newest goal is not followed; s, steady clock
         self._odd = ''  # why the joint states cannot be used
+        self._scale, self._scaled = 1.0, 0.0  # speed scaling of the controller; s, steady clock
         self.heard = 0.0  # s, steady clock: when the newest complete joint state came
         self.device = ''  # what is wrong with the welding device
         deep = QoSProfile(depth=KEPT, reliability=qos.SENSOR.reliability)
         node.create_subscription(JointStateMsg, 'joint_states', self._on_state, deep)
+        self._told_by = params.trajectory_action.rpartition('/')[0] + '/controller_state'
+        node.create_subscription(
+            JointTrajectoryControllerState, self._told_by, self._on_controller, qos.SENSOR, raw=True
+        )
 
     def follow(self, goal: Goal) -> None:
         """Sends a goal, which replaces the one before: in the executor, for an answer that came to it before this
@@ -100,7 +109,17 @@ class RosDriver:
     def problem(self) -> str:
         """Why it follows no goal."""
         refused = self._refused if time.monotonic() - self._when < HELD else ''
-        return refused or self._odd or self.device
+        return refused or self._odd or self.device or self.scaled
+
+    @property
+    def scaled(self) -> str:
+        """What the controller tells of its speed where that is not the whole one, '' = nothing."""
+        if abs(self._scale - 1.0) <= FULL or time.monotonic() - self._scaled > LOST:
+            return ''
+        return (
+            f"the robot's controller goes at {self._scale:.0%} of the speed ('{self._told_by}', speed_scaling_factor): "
+            'set it to 100 %'
+        )
 
     def absent(self) -> str:
         """Why the robot cannot be used at all, '' = it can."""
@@ -141,6 +160,16 @@ class RosDriver:
         if number == self._number and result.error_code not in GOOD:
             text = result.error_string or f'code {result.error_code}'
             self._refuse(f'the driver gave the goal up: {text}')
+
+    def _on_controller(self, data: bytes) -> None:
+        now = time.monotonic()
+        if now - self._scaled < SCALING_S:
+            return
+        try:
+            told = deserialize_message(data, JointTrajectoryControllerState)
+        except RCLError:  # of a control_msgs before 5.3.0: it has no scaling
+            return
+        self._scale, self._scaled = told.speed_scaling_factor, now
 
     def _refuse(self, text: str) -> None:
         self._refused, self._when = text, time.monotonic()

@@ -53,7 +53,9 @@ class RobotBridgeNode(BridgeNode):
         pacer = Pacer(made.station, self.params)
         pacer.on_slowed = self._on_slowed
         self.core.pace = pacer
-        self.core.unfit = lambda: '' if made.simulated else self._late(made.driver.timing)
+        self.core.unfit = lambda: (
+            made.driver.scaled or ('' if made.simulated else self._late(made.driver.timing))
+        )
         self.get_logger().info(f'where a drive is too weak, segments are timed by {pacer.by}')
         return made
 

@@ -96,7 +96,8 @@ class Trajectory:
 
 class SimRobot:
     """station: what is programmed; start: (3,) m, the torch in machine coordinates; taught: (3,) m, where work zero and
-    scanner were taught. `dead`: the driver tells nothing and takes nothing any more, the axes stand."""
+    scanner were taught. `dead`: the driver tells nothing and takes nothing any more, the axes stand. `speed_scale`:
+    seconds of a goal that pass in a second; `behind_us`: by how much the goal under way is late through that."""
 
     def __init__(
         self,
@@ -109,6 +110,7 @@ class SimRobot:
     ) -> None:
         self.station, self.params, self.time_us = station, params, time_us
         self.dead = False
+        self.speed_scale, self.behind_us = 1.0, 0
         rng = np.random.default_rng([seed, 7])
         errors = AxisErrors(params.joint_offset, params.gear_wave, 8, params.axis_offset)
         self._motor = station.joints(np.array([start]))[0]
@@ -145,11 +147,13 @@ class SimRobot:
         """(n, 3) m: where the torch truly is in each of the ms, machine coordinates, and how far the scanner is from
         where it would be with an exact robot and the torch there."""
         count = max(1, round(milliseconds * 1e-3 / SUBSTEP))
-        times = self.time_us + np.arange(1, count + 1) * round(SUBSTEP * 1e6)
+        passed = np.arange(1, count + 1) * round(SUBSTEP * 1e6)
         self.time_us += 1000 * milliseconds
         self._arrive()
         if not self.dead and self._now is not None:
-            self._follow(self._now.at(times))
+            begun = self.time_us - 1000 * milliseconds - self.behind_us
+            self._follow(self._now.at(begun + self.speed_scale * passed))
+            self.behind_us += round((1 - self.speed_scale) * 1000 * milliseconds)
         before, self.tip, self.scanner = self.tip, *self._true(self._gear)
         share = (np.arange(1, milliseconds + 1) / milliseconds)[:, None]
         if not self.dead:
@@ -164,7 +168,7 @@ class SimRobot:
 
     def _arrive(self) -> None:
         while self._coming and self._coming[0][0] <= self.time_us:
-            self._now = self._coming.pop(0)[1]
+            self._now, self.behind_us = self._coming.pop(0)[1], 0
 
     def _follow(self, wanted: np.ndarray) -> None:
         """The servos go after (N, n) wanted joints, one row per substep."""

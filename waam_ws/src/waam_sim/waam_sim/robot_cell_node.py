@@ -22,7 +22,8 @@ from waam_robot.turning import Turning
 from waam_robot.urdf_text import UrdfError
 
 from .cell_node import Cell
-from .node_robot import NAMES, TrajectoryController, Welder
+from .node_trajectory import NAMES, TrajectoryController
+from .node_welder import Welder
 from .robot import SimRobot
 from .urdf_file import arm_of
 
@@ -67,8 +68,9 @@ class RobotCell(Cell):
     def _connect(self) -> None:
         """The thread's work: time goes on, 10 ms by 10 ms."""
         robot = self._robot
-        controller = TrajectoryController(self, self._lock, robot.follow, self._names, robot.beyond,
-            lambda: self._time_us)  # fmt: skip
+        controller = TrajectoryController(
+            self, self._lock, robot, self._names, lambda: self._time_us
+        )
         welder = Welder(self, lambda: self._time_us)
         self.level, self.message = OK, 'running'
         due = time.monotonic()

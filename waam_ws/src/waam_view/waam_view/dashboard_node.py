@@ -24,6 +24,7 @@ from waam_robot.urdf_text import UrdfError
 
 from . import conversions as cv
 from .drawing import Drawing
+from .node_layers import LayerTopics
 from .node_tap import TelemetryTap
 from .report_writer import ReportWriter
 from .robot_scene import RobotScene
@@ -88,6 +89,7 @@ class Dashboard(WaamNode):
         for topic, kind in cv.TYPES.items():
             qos = QOS.get(topic, LATCHED)
             self.create_subscription(kind, topic, partial(self._on_message, topic), qos)
+        self._layers = LayerTopics(self)
         self._joints: dict[str, float] = {}
         self._work_zero = (0.0, 0.0, 0.0)
         self._robot_next_ns, self._robot_text = 0, ''
