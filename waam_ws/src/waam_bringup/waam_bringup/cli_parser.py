@@ -16,7 +16,7 @@ from waam_process.cli_options import Verbs, add_verb
 GROUPS: dict[str, tuple[str, ...]] = {
     'a running cell': ('up', 'stop', 'status', 'panel', 'demo', 'relay'),
     'jobs': ('job', 'jobs', 'report', 'view'),
-    'plan and predict, without a machine': ('plan', 'lab', 'lab fit', 'scan', 'correct', 'robot', 'train'),
+    'plan and predict, without a machine': ('plan', 'forecast', 'lab', 'lab fit', 'scan', 'correct', 'robot', 'train'),
     'set up and calibrate': ('calibrate', 'completion'),
     'recordings': ('record', 'replay'),
     'many cells': ('cells', 'queue', 'token', 'audit', 'notify'),
