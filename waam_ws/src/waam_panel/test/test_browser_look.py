@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from page_checks import FOCUS, VIOLATIONS
 from panel_requests import MACHINE
-from test_browser import CHROMIUM, Screen
+from test_browser import CHROMIUM, PATIENCE_MS, Screen
 
 pytest.importorskip('playwright', reason='playwright is not installed (pip install playwright)')
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
@@ -156,7 +156,7 @@ def test_from_the_door_to_a_report_by_keyboard_alone(make_panel, browser, made_j
     s.page.keyboard.press('Enter')
     s.visible('#job-list a')
     to(lambda now: now['href'].endswith('report.html'))
-    with s.context.expect_page() as opened:
+    with s.context.expect_page(timeout=PATIENCE_MS) as opened:
         s.page.keyboard.press('Enter')
     assert opened.value.url.endswith('report.html')
 
@@ -166,7 +166,7 @@ def test_form_and_page_stay_over_a_reload_and_not_in_another_tab(panel, browser)
     s.page.goto(panel.url)
     s.click('nav [data-page=setup]')
     s.visible('#setup.on')
-    s.page.wait_for_selector('#f-material option')
+    s.page.wait_for_selector('#f-material option', state='attached')
     s.page.fill('#f-operator_name', 'Олена')
     s.page.fill('#f-tolerance_mm', '0,35')
     s.page.select_option('#f-mode', 'build')

@@ -20,7 +20,8 @@ def job(tmp_path):
     way = np.array([[0, 0, 0.0], [length, 0, 0]])
     about = {'settings': {'wire_diameter': 1.2e-3, 'efficiency': 0.92}}
     np.savez(
-        tmp_path / 'plan.npz', about=json.dumps(about), start=way[[0, 1] * 3], end=way[[1, 0] * 3], arc=[True, False] * 3,
+        tmp_path / 'plan.npz', about=json.dumps(about), start=way[[0, 1] * 3], end=way[[1, 0] * 3],
+        arc=[True, False] * 3,
         layer=np.repeat([1, 2, 3], 2), width=np.full(6, 6e-3), height=np.full(6, 2e-3),
     )  # fmt: skip
     (tmp_path / 'job.yaml').write_text(yaml.safe_dump({'goal': {'wire_left': 10.0}}))
