@@ -76,6 +76,13 @@
   // ---- nothing cut: no text that is longer than its box, nothing beyond the sides, unless one can scroll there
   const scrolls = (e) => { for (; e; e = e.parentElement) if (/auto|scroll/.test(getComputedStyle(e).overflowX) && e.scrollWidth > e.clientWidth + 1) return true; return false; };
   if (root.scrollWidth > innerWidth + 1) bad.push(`the page is ${root.scrollWidth} px wide of ${innerWidth}`);
+  for (const e of document.querySelectorAll('nav')) if (e.scrollHeight > e.clientHeight + 1) bad.push(`${name(e)} is cut below: ${e.scrollHeight} px of ${e.clientHeight}`);
+  for (const e of document.querySelectorAll('select')) {
+    if (!shown(e) || !e.selectedOptions.length) continue;
+    const style = getComputedStyle(e), room = e.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight) - 18; // the arrow
+    probe.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
+    if (probe.measureText(e.selectedOptions[0].textContent.trim()).width > room) bad.push(`cut: ${name(e)} '${e.selectedOptions[0].textContent.trim()}'`);
+  }
   for (const e of document.querySelectorAll('body *')) {
     if (!shown(e) || unseen(e) || ['OPTION', 'CANVAS'].includes(e.tagName)) continue;
     const box = e.getBoundingClientRect(), style = getComputedStyle(e);

@@ -86,12 +86,12 @@ def _sentence(job: Job, word: str) -> str:
         if not number(stock.get('below_mm')) > 0:
             return share
         return f'{share}; the lowest place is {fmt(stock.get("below_mm"), 2, "mm")} below it, {_at(stock)}'
-    share = number(run.get('share_in_tolerance'))
-    if word not in (IN_TOLERANCE, OUT_OF_TOLERANCE) or not math.isfinite(share):
+    inside = number(run.get('share_in_tolerance'))
+    if word not in (IN_TOLERANCE, OUT_OF_TOLERANCE) or not math.isfinite(inside):
         return ''
     wanted = number(mapping(job.asked.get('parameters')).get('share_in_tolerance'))
     least = f' (at least {100 * wanted:g} % are wanted)' if math.isfinite(wanted) else ''
-    said = f'{_percent(share)} of the judged surface lie within ±{job.tolerance_mm:g} mm{least}'
+    said = f'{_percent(inside)} of the judged surface lie within ±{job.tolerance_mm:g} mm{least}'
     rim = run.get('verdict_with_rim')
     if rim and rim != word and not run.get('error_code'):
         said += f'; with the rim {_percent(run.get("share_all_in_tolerance"))}: {rim}'

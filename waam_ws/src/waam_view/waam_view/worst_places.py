@@ -59,7 +59,8 @@ def worst_places(job: Job) -> list[Place]:
     )
     badness = -value if machined else np.abs(value)
     rows, cols = np.mgrid[: value.shape[0], : value.shape[1]]
-    apart, found = 2 * bead_width(job) / last.resolution, []
+    apart = 2 * bead_width(job) / last.resolution
+    found: list[Place] = []
     while len(found) < COUNT and np.isfinite(badness).any():
         row, col = (int(i) for i in np.unravel_index(np.nanargmax(badness), badness.shape))
         found.append(_place(job, row, col, float(value[row, col])))

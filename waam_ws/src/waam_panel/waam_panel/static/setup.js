@@ -13,8 +13,8 @@ export async function choices() {
   simulated = found.simulated;
   const parts = found.parts.map((p) => [p.name, `${p.name} (${p.kb} kB)`]);
   fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']]);
-  const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
-  fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts]);
+  const first = simulated ? ['', 'what lies there?'] : ['', 'by a scan'];
+  fill($('f-as_found'), [first, ['(last scan)', 'last scan'], ...parts]);
   fill($('f-loop_mode'), found.loop_modes);
   fill($('f-material'), found.materials);
   for (const name of NUMBERS) limit($(`f-${name}`), found.limits[name]);
