@@ -1,8 +1,8 @@
 """What the pages of the report say of worst places, beads, money and what was made good; no cause without a proof."""
 
 import json
-import os
 import re
+import shutil
 import sys
 import time
 from dataclasses import replace
@@ -318,24 +318,34 @@ def test_the_first_page_has_pictures_and_a_place_to_sign(tmp_path):
     assert 'No picture of the part' in owner_page(replace(one, scans=one.scans[1:]), [])
 
 
-@pytest.mark.skipif(not os.path.exists('/usr/bin/chromium'), reason='no Chromium to print with')
-def test_the_first_page_is_one_page_of_a4(tmp_path):
-    sync = pytest.importorskip('playwright.sync_api')
+CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
+CHECKS = Path(__file__).parents[2] / 'waam_panel' / 'test' / 'page_checks.js'
+
+
+@pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
+def test_the_first_page_is_one_sheet_of_a4_and_nothing_is_cut_on_a_screen(tmp_path):
+    sync = pytest.importorskip('playwright.sync_api', reason='playwright is not installed')
     folder = tmp_path / 'one'
     write_job(folder, layers=1)
     (tmp_path / 'prices.yaml').write_text(
         'currency: EUR\nwire_per_kg: 3\nmachine_per_h: 36\nnew_part: 5'
     )
-    page_file = write_report(folder)
+    address, found = write_report(folder).as_uri(), []
     with sync.sync_playwright() as p:
-        browser = p.chromium.launch(executable_path='/usr/bin/chromium', args=['--no-sandbox'])
+        browser = p.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
         page = browser.new_page(
             viewport={'width': 703, 'height': 1032}
         )  # A4 within margins of 12 mm, at 96 px an inch
         page.emulate_media(media='print', color_scheme='dark')
-        page.goto(page_file.as_uri())
+        page.goto(address)
         high = page.evaluate("document.querySelector('.owner').getBoundingClientRect().height")
         wide = page.evaluate('document.documentElement.scrollWidth')
         white = page.evaluate('getComputedStyle(document.body).backgroundColor')
+        for theme in ('light', 'dark'):
+            for width in (1366, 1024, 390):
+                page.emulate_media(media='screen', color_scheme=theme)
+                page.set_viewport_size({'width': width, 'height': 800})
+                found += [f'{theme} {width}: {v}' for v in page.evaluate(CHECKS.read_text())]
         browser.close()
     assert high <= 1032 and wide <= 703 and white == 'rgb(255, 255, 255)'
+    assert not found, '\n'.join(found)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.colors import LightSource
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from .canvas import new_figure, png
 from .job_data import Scan
@@ -33,8 +34,7 @@ def before_and_after(first: Scan, last: Scan) -> bytes:
         (1, heights[0], 'before', np.zeros_like(laid)),
         (2, heights[1], 'after', laid),
     ):
-        axes = figure.add_subplot(1, 2, place, projection='3d')
-        assert isinstance(axes, Axes3D)
+        axes: Any = figure.add_subplot(1, 2, place, projection='3d')
         axes.plot_surface(
             *np.meshgrid(x, y), z, facecolors=_colours(z, metal, d * step), rstride=1, cstride=1, shade=False,
             linewidth=0, antialiased=False,
