@@ -115,7 +115,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_shop/waam_shop/(audit_file|durable|queue_file|shop_folder|token_file).py': 'the files of a shop',
     'waam_shop/waam_shop/(cli|cli_common|cli_access|cli_cells|cli_notify|cli_queue).py': 'commands: files, ages',
     'waam_shop/waam_shop/notifier.py': 'a thread that sends messages',
-    'waam_panel/waam_panel/(alarms|history|parts).py': 'read tables and job folders',
+    'waam_panel/waam_panel/(alarms|history|parts|spool).py': 'read tables and job folders',
     'waam_panel/waam_panel/archive_page.py': 'asks the archive of jobs; ages are told from today',
     'waam_panel/waam_panel/(api|auditing|bodies|cell|commanding|gate|routes|security|shop_api|stream|web).py':
         'the web server',

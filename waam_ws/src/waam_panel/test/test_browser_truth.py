@@ -61,6 +61,7 @@ def values(panel, n: int) -> dict[str, object]:
         'k_gain': n / 10,
         'rms_mm': n / 10,
         'progress': n / 10,
+        'time_left': None,  # else it counts down, and the page never comes to rest
     }
     return {
         'machine': MACHINE | machine, 'telemetry': panel.still(**frame), 'job': panel.job(**job),

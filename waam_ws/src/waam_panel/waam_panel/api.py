@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from aiohttp import web
@@ -29,6 +31,7 @@ from .operations import Refused
 from .routes import Route
 from .security import CSRF_HEADER
 from .setup_form import LAST_SCAN, LIMITS, LOOP_MODE_LABELS, parse
+from .spool import spool_of
 
 STEPS_MM = (0.1, 1.0, 10.0, 50.0)
 JOG_SPEED = {0.1: 2e-3, 1.0: 5e-3, 10.0: 20e-3, 50.0: 40e-3}  # m/s per step size
@@ -196,7 +199,9 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
         return await cell.do(cell.operations.resume_job, cell.going_on)
     assert cell.setup is not None  # asked above
     part = cell.parts.find(cell.setup.part)
-    return await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
+    said = await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
+    cell.setup = replace(cell.setup, wire_left_m=0.0)  # another start would find less on the spool
+    return said
 
 
 async def restart_programs(cell: Cell, _: dict[str, Any]) -> str:
@@ -281,12 +286,19 @@ async def _preview(request: web.Request) -> web.Response:
     return web.Response(body=picture, content_type='image/png')
 
 
+def _spool(cell: Cell) -> dict[str, Any] | None:
+    """Wire of the job that runs, or of the last one."""
+    job = cell.state.sections.get('job') or {}
+    return spool_of(Path(job['dir']), job.get('pass') or 1) if job.get('dir') else None
+
+
 ROUTES = (
     # whoever sees the page may stop
     Route('POST', '/api/stop', Role.VIEW, _stop, bodies.FORM),
     upload_route('parts', 'upload', lambda cell: cell.parts),
     Route('GET', '/api/map/{name}', Role.VIEW, _map), Route('GET', '/api/preview.png', Role.VIEW, _preview),
     Route('GET', '/api/archive', Role.VIEW, _archive), read_route('/api/choices', _choices),
+    read_route('/api/spool', _spool),
     read_route('/api/jobs', lambda cell: history.jobs(cell.jobs_dir)),
     *command_routes(COMMANDS, Role.OPERATE),
 )  # fmt: skip

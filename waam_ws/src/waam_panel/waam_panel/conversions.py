@@ -243,7 +243,7 @@ def goal(setup: JobSetup, part: Path, jobs_dir: Path) -> RunJob.Goal:
         layers=setup.layers, layer_height=setup.layer_height_mm * 1e-3, bead_width=setup.bead_width_mm * 1e-3,
         k_gain=setup.k_gain, tolerance=setup.tolerance_mm * 1e-3, scale=1e-3, jobs_dir=str(jobs_dir),
         operator_name=setup.operator_name, passes=setup.passes,
-        allowance=setup.allowance_mm * 1e-3, notes=setup.notes,
+        allowance=setup.allowance_mm * 1e-3, notes=setup.notes, wire_left=setup.wire_left_m,
         plan_settings=[f'finish={setup.finish}'] if setup.mode == 'restore' else [],
     )  # fmt: skip
 

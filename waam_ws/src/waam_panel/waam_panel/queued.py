@@ -11,7 +11,7 @@ from .cell import Cell
 from .operations import Refused
 from .parts import PartFolders
 from .programs import ProgramChoice, Programs, parse_choice
-from .setup_form import JobSetup, parse
+from .setup_form import FormError, JobSetup, parse
 from .worker import WorkError
 
 PROGRAM = 'program'  # a setup with this field is that of a program
@@ -20,7 +20,12 @@ PROGRAM = 'program'  # a setup with this field is that of a program
 def fields_of(data: Mapping[str, Any], materials: tuple[str, ...]) -> dict[str, Any]:
     """All fields of an item, from JSON. Raises FormError or ProgramRefused."""
     if PROGRAM not in data:
-        return parse(data, materials).as_dict()
+        setup = parse(data, materials)
+        if setup.wire_left_m:
+            raise FormError(
+                'wire_left_m: what will be on the spool then is not known; leave it out for the queue'
+            )
+        return setup.as_dict()
     choice = parse_choice(data, materials)
     return asdict(choice) | {'shift_mm': list(choice.shift_mm)}
 

@@ -45,6 +45,7 @@ class JobSetup:
     passes: int = 1
     finish: str = 'as-laid'
     allowance_mm: float = 0.0
+    wire_left_m: float = 0.0  # on the spool; 0 = nobody told
     operator_name: str = ''
     wire_lot: str = ''
     gas: str = ''
@@ -77,6 +78,8 @@ class JobSetup:
                 f'finish {self.finish}',
                 f'allowance {self.allowance}',
             ]
+        if self.wire_left_m:
+            said.append(f'{self.wire_left_m:g} m of wire on the spool')
         if not math.isnan(self.k_gain):
             said.append(f'gain {self.k_gain:g}')
         return '; '.join(said)
@@ -105,6 +108,7 @@ LIMITS = {  # 0 is allowed besides where 0 means 'default'
     'k_gain': (0.0, 0.5),
     'passes': (1, 9),
     'allowance_mm': (-1.0, 5.0),
+    'wire_left_m': (0.0, 1e5),
 }
 DEFAULTED = ('layer_height_mm', 'bead_width_mm')
 CHOICES = {'mode': MODES, 'finish': FINISHES, 'loop_mode': LOOP_MODES}
@@ -141,7 +145,8 @@ def _field(name: str, value: Any, default: Any, materials: tuple[str, ...]) -> A
     if value is None:
         return default  # not given
     low, high = LIMITS[name]
-    unit, whole = 'mm' if name.endswith('_mm') else '', isinstance(default, int)
+    unit = next((u for u in ('mm', 'm') if name.endswith(f'_{u}')), '')
+    whole = isinstance(default, int)
     try:
         if name in DEFAULTED and numbers.of(value, 0.0, high, unit) == 0:
             return default

@@ -16,6 +16,7 @@ from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
 from .outcome import outcome
+from .owner_page import local_time
 
 
 def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
@@ -30,7 +31,7 @@ def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
         f'<h1>{escape(name)}</h1>',
         f'<p class=soft>{escape(modes)} · {machine}{cell}part: <b>{escape(report.get("part", ""))}</b> · '
         f'material: <b>{escape(report.get("material", ""))}</b> · tolerance: '
-        f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(report.get("created", ""))}</p>',
+        f'<b>±{jobs[0].tolerance_mm:g} mm</b> · {escape(local_time(report.get("created", "")))}</p>',
         _verdict(report, jobs),
         _outcome(report),
         _cards(report, jobs),
@@ -98,7 +99,8 @@ def _maps(jobs: list[Job]) -> str:
     out = ['<h2>Final height error</h2>', picture(figures.side_by_side(shown, limit), caption)]
     pair = [
         picture(
-            figures.histogram(j.scans[-1], j.tolerance_mm, limit), j.loop_mode.replace('_', ' ')
+            figures.histogram(j.scans[-1], j.scans[-1].final_error * 1e3, j.tolerance_mm, limit),
+            j.loop_mode.replace('_', ' '),
         )
         for j in shown
     ]
@@ -159,7 +161,6 @@ _ROWS = [
     ('wire, m', 'wire_m', 1, 2),
     ('deposition rate (arc on), kg/h', 'deposition_kg_h', 1, 2),
     ('arc energy, MJ', 'energy_J', 1e-6, 3),
-    ('cost J (eq 2.4)', 'cost', 1, 4),
     ('scanner points dropped', 'points_dropped', 1, 0),
     ('profiles rejected', 'profiles_rejected', 1, 0),
     ('telemetry frames lost', 'telemetry_lost', 1, 0),

@@ -15,6 +15,7 @@ from waam_process.loop_mode import LoopMode
 
 from .canvas import BLUE, GREEN, GREY, INK, RED, new_figure, png, style
 from .job_data import Job, Scan, number
+from .worst_places import is_machined
 
 DIVERGING = 'RdBu_r'
 PAGE = 11.0  # highest picture, inches for 9.4 of width: printed on A4 it leaves room for heading and caption
@@ -78,22 +79,34 @@ def _aspect(scan: Scan) -> float:
     return (y1 - y0) / (x1 - x0)
 
 
-def final_map(scan: Scan, tolerance_mm: float, limit_mm: float, title: str = '') -> bytes:
-    """Error of the last scan against the nominal surface, with the tolerance on map and colour bar."""
-    error = scan.final_error * 1e3
+def error_map(
+    scan: Scan,
+    error: np.ndarray,
+    tolerance_mm: float,
+    limit_mm: float,
+    marks: list[tuple[float, float]],
+) -> bytes:
+    """error (rows, cols) mm of a scan, with the tolerance on map and colour bar; marks: (x, y) mm, numbered from 1."""
     figure = new_figure(9.0, min(7.0, max(2.6, 7.8 * _aspect(scan) + 1.0)))
     axes = figure.add_subplot()
     image = _show(axes, scan, error, limit_mm)
     beyond = np.nan_to_num(np.abs(error), nan=0.0) > tolerance_mm
     _outline(axes, scan, beyond, '#111111', linewidths=0.5)
     _outline(axes, scan, scan.interior, GREEN, linewidths=1.2, linestyles='--')
+    x0, x1, _, _ = _window(scan)
+    for k, (x, y) in enumerate(marks, 1):
+        axes.plot(x, y, 'o', ms=13, mfc='none', mec='black', mew=1.8)
+        side = 1 if x < (x0 + x1) / 2 else -1  # away from the edge of the picture
+        axes.annotate(
+            str(k), (x, y), (side * 15, 0), textcoords='offset points', ha='center', va='center', fontsize=11,
+            fontweight='bold', bbox={'boxstyle': 'round,pad=0.2', 'fc': 'white', 'ec': 'black'},
+        )  # fmt: skip
     bar = figure.colorbar(image, ax=axes, extend='both', fraction=0.05, pad=0.015)
     bar.set_label('height error, mm', fontsize=9)
     for side in (-1, 1):
         bar.ax.axhline(side * tolerance_mm, color='black', linewidth=1.5)
     axes.set_xlabel('x, mm', fontsize=9)
     axes.set_ylabel('y, mm', fontsize=9)
-    axes.set_title(title, fontsize=10)
     return png(figure)
 
 
@@ -161,10 +174,10 @@ def small_multiples(
     return png(figure)
 
 
-def histogram(scan: Scan, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
-    """Distribution of the final error inside the margin, with the tolerance. reach_mm: half the
+def histogram(scan: Scan, error: np.ndarray, tolerance_mm: float, reach_mm: float = 0.0) -> bytes:
+    """Distribution of error (rows, cols) mm inside the margin, with the tolerance. reach_mm: half the
     axis; 0 = from the data."""
-    error = scan.final_error[scan.interior] * 1e3
+    error = error[scan.interior]
     error = error[np.isfinite(error)]
     figure = new_figure(4.6, 3.0)
     axes = figure.add_subplot()
@@ -204,8 +217,8 @@ def convergence(jobs: list[Job]) -> bytes:
     return png(figure)
 
 
-def section(job: Job) -> bytes:
-    """Cut through the region along its longer side: heights as found, after each layer, final; below: final error."""
+def section(job: Job, error: np.ndarray) -> bytes:
+    """Cut through the region along its longer side: heights as found, after each layer, final; below: error, mm."""
     last = job.scans[-1]
     rows, cols = np.nonzero(last.region if last.region.any() else np.ones(last.z.shape, bool))
     along_x = bool(np.ptp(cols) >= np.ptp(rows))
@@ -214,7 +227,7 @@ def section(job: Job) -> bytes:
     heights, errors = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _plot_heights(heights, job, along_x, place)
     errors.axhspan(-job.tolerance_mm, job.tolerance_mm, color=GREEN, alpha=0.12)
-    errors.plot(*_cut(last, last.final_error, along_x, place), color=BLUE, linewidth=1.2)
+    errors.plot(*_cut(last, error * 1e-3, along_x, place), color=BLUE, linewidth=1.2)
     x0, x1, y0, y1 = _window(last)
     errors.set_xlim(*((x0, x1) if along_x else (y0, y1)))
     at = last.extent_mm[2 if along_x else 0] + (place + 0.5) * last.resolution * 1e3
@@ -238,7 +251,10 @@ def _plot_heights(axes: Axes, job: Job, along_x: bool, place: int) -> None:
         )
     line = _cut(last, nominal, along_x, place)
     axes.plot(*line, color=GREEN, linewidth=1.2, linestyle='--', label='nominal')
-    axes.legend(fontsize=8, frameon=False, ncols=3)
+    if is_machined(job) and 'target' in last.maps:
+        aimed = _cut(last, last.maps['target'], along_x, place)
+        axes.plot(*aimed, color=INK, linewidth=1.0, linestyle=':', label='aimed at')
+    axes.legend(fontsize=8, frameon=False, ncols=4)
 
 
 def _cut(

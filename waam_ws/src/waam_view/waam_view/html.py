@@ -15,12 +15,14 @@ VERDICTS = {  # class of the box of a verdict; others are bad
     **dict.fromkeys((*verdicts.REJECTED, verdicts.NOT_JUDGED), 'warn'),
 }
 STYLE = """
-:root{--ink:#1f2933;--soft:#5f6b7a;--line:#d9dde2;--ok:#23833f;--bad:#c23b31;--warn:#b26a00}
+:root{color-scheme:light dark;--ink:#1f2933;--soft:#56616f;--line:#d9dde2;--back:#f5f6f8;--sheet:#fff;--flag:#fdf1ef}
+:root{--ok:#1f7a3a;--bad:#b8322a;--warn:#8f5600;--head:#9aa5b1}
 *{box-sizing:border-box}
 body{font:14px/1.45 system-ui,"Segoe UI","DejaVu Sans",sans-serif;color:var(--ink);margin:0}
-body{background:#f5f6f8}
-main{max-width:1060px;margin:0 auto;padding:24px 28px;background:#fff}
+body{background:var(--back)}
+main{max-width:1060px;margin:0 auto;padding:24px 28px;background:var(--sheet)}
 h1{font-size:25px;margin:0 0 2px}h2{font-size:17px;margin:28px 0 8px;padding-top:12px;border-top:1px solid var(--line)}
+h3{font-size:14px;margin:16px 0 4px}a{color:inherit}
 p{margin:6px 0}.soft{color:var(--soft)}.mono{font-family:ui-monospace,"DejaVu Sans Mono",monospace;font-size:12px}
 .verdict{margin:14px 0;padding:12px 18px;border-radius:6px;color:#fff;font-size:22px;font-weight:700}
 .verdict small{display:block;font-size:14px;font-weight:400;margin-top:2px}
@@ -30,17 +32,31 @@ p{margin:6px 0}.soft{color:var(--soft)}.mono{font-family:ui-monospace,"DejaVu Sa
 .card b{display:block;font-size:18px;white-space:nowrap}.card span{font-size:12px;color:var(--soft)}
 table{border-collapse:collapse;width:100%;font-size:12px;margin:6px 0}
 th,td{padding:3px 6px;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}
-th{color:var(--soft);font-weight:600;border-bottom:1.5px solid #9aa5b1}
+th{color:var(--soft);font-weight:600;border-bottom:1.5px solid var(--head)}
 td.t,th.t{text-align:left}td.t{min-width:56px;overflow-wrap:anywhere}
-tr.flag td{background:#fdf1ef}tr.last td{font-weight:700}
-img{max-width:100%;display:block;margin:6px auto}.pair{display:flex;gap:10px;flex-wrap:wrap}
-.pair>figure{flex:1;min-width:340px}figure{margin:8px 0;break-inside:avoid}
+tr.flag td{background:var(--flag)}tr.last td{font-weight:700}
+img{max-width:100%;display:block;margin:6px auto;background:#fff}.pair{display:flex;gap:10px;flex-wrap:wrap}
+.pair>figure{flex:1 1 280px;min-width:0}figure{margin:8px 0;break-inside:avoid}
 figcaption{font-size:12px;color:var(--soft)}.scroll{overflow-x:auto}
+.beside{display:flex;gap:14px;align-items:start}.beside figure{flex:1 1 68%;min-width:0}
+.beside .cards{flex:1 1 180px;flex-direction:column}
+.signs{display:flex;gap:24px;margin-top:52px;break-inside:avoid}
+.sign{flex:1;border-top:1px solid var(--ink);padding-top:3px;font-size:12px;color:var(--soft)}
 details{margin:8px 0}summary{cursor:pointer;color:var(--soft)}
-pre{font-size:11px;background:#f5f6f8;padding:10px;white-space:pre-wrap;overflow-wrap:anywhere}
+:focus-visible{outline:3px solid #d46b00;outline-offset:2px}
+pre{font-size:11px;background:var(--back);padding:10px;white-space:pre-wrap;overflow-wrap:anywhere}
+@media (max-width:560px){.beside{flex-direction:column}
+main{padding:12px}.signs{flex-direction:column;gap:44px}.card{min-width:130px}}
+@media screen and (prefers-color-scheme:dark){
+:root{--ink:#e6eaef;--soft:#aeb8c4;--line:#3b4550;--back:#0d1014;--sheet:#161b21;--flag:#3a2020;--head:#6b7785}
+img{border-radius:4px}}
 @media print{@page{size:A4;margin:12mm}body{background:#fff;font-size:11px}main{padding:0;max-width:none}
-h2{break-after:avoid}table,.verdict,.cards,tr{break-inside:avoid}thead{display:table-header-group}
+h2,h3{break-after:avoid}.verdict,.cards,tr{break-inside:avoid}thead{display:table-header-group}
+.owner{break-after:page}.owner img{max-height:55mm}.owner p,.owner figure{margin:3px 0}.signs{margin-top:13mm}
+.verdict{margin:8px 0;padding:8px 14px;font-size:18px}
+.card{padding:4px 8px;min-width:90px}.card b{font-size:14px}.card span{font-size:10px}
 table{font-size:9px}th,td{padding:2px 3px}.scroll{overflow:visible}img{max-height:240mm}
+h2{margin:10px 0 4px;padding-top:6px;font-size:14px}
 .pair{flex-wrap:nowrap}.pair>figure{min-width:0}details:not([open]){display:none}
 .verdict,.card,tr.flag td{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
 """

@@ -96,6 +96,11 @@ def number(value: Any) -> float:
         return math.nan
 
 
+def mapping(value: Any) -> dict[str, Any]:
+    """A dictionary; an empty one for anything else."""
+    return value if isinstance(value, dict) else {}
+
+
 def read_report(folder: Path) -> dict[str, Any]:
     """report.json of a folder. Raises JobError."""
     file = Path(folder) / job_folder.REPORT

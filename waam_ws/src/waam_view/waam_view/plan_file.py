@@ -99,6 +99,17 @@ def read_plan(path: Path | str) -> PlanFile:
         raise PlanFileError(f'{path}: not a stored plan ({error})') from None
 
 
+def read_settings(path: Path | str) -> dict[str, Any]:
+    """Settings that a stored plan was made with. Raises PlanFileError."""
+    try:
+        settings = parse_json(str(read_npz(Path(path))['about']), 'about')['settings']
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlanFileError(f'{path}: not a stored plan ({error})') from None
+    if not isinstance(settings, dict):
+        raise PlanFileError(f'{path}: not a stored plan (no settings)')
+    return settings
+
+
 def _runs(data: dict[str, np.ndarray]) -> list[Run]:
     length = np.linalg.norm(data['end'] - data['start'], axis=1)
     speed = np.where(data['speed'] > 0, data['speed'], np.inf)

@@ -109,6 +109,11 @@ export function day(utc) {
   const two = (n) => String(n).padStart(2, '0'), d = new Date(utc * 1000);
   return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
 }
+// Time that is left, s, as 12:34 or 1:02:34.
+export function countdown(seconds) {
+  const two = (n) => String(n).padStart(2, '0'), s = Math.max(0, Math.round(seconds)), h = Math.floor(s / 3600);
+  return h ? `${h}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
+}
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return '–';
   const m = Math.round(seconds / 60);

@@ -1,14 +1,15 @@
 // All cells at a glance and the queue of this one: asked for once a second, drawn anew where something has changed.
 import { $, day, duration, element, get, post, stop, tableRow, text } from './api.js';
+import { applyTheme } from './theme.js';
 
 const WAITING = 'waiting', RELEASED = 'released', RUNNING = 'running';
 const ranks = { view: 1, operate: 2, maintain: 3 };
 let role = 0, drawn = '';
 
-if (localStorage.getItem('theme') === 'dark') document.documentElement.classList.add('dark');
+applyTheme();
 
 function card(c, here) {
-  const box = element('article', '', `card ${c.state}`), head = element('h3', c.name);
+  const box = element('article', '', `card ${c.state}`), head = element('h2', c.name);
   head.append(element('span', c.state === 'silent' ? `silent for ${duration(c.age)}` : c.state));
   box.append(head);
   if (c.state === 'up') {

@@ -1,6 +1,6 @@
 // What stands on every page: tiles of machine, job and arc, the line below them, and which buttons are alive.
-import { $, duration, fixed, text } from './api.js';
-import { known, why } from './sources.js';
+import { $, countdown, fixed, text } from './api.js';
+import { ageOf, known, why } from './sources.js';
 
 const UNKNOWN = 'not known';
 
@@ -24,11 +24,24 @@ function showArc(t) {
   tile('arc', !t ? '–' : t.arc ? 'ON' : t.arc_enabled ? 'strikes' : 'off', !t ? UNKNOWN : t.gas ? 'gas on' : 'gas off', { lit: t && t.arc_enabled });
 }
 
+// What is left counts down between two words of the job, and the end as a time of day. It is an estimate: when it is
+// over and the job is not, it says so.
+let said = null, told = '';
+function left(j) {
+  if (j.time_left === null) { told = ''; return 'time left not known'; }
+  if (j.state === 'PAUSED') return `left ${countdown(j.time_left)}`; // it stands still
+  const key = `${j.id} ${j.time_left} ${j.progress}`;
+  if (key !== told) { told = key; said = { end: Date.now() + 1000 * (j.time_left - ageOf('job')) }; }
+  const seconds = (said.end - Date.now()) / 1000;
+  if (seconds < -1) return 'longer than estimated';
+  return `left ${countdown(seconds)}, done at ${new Date(said.end).toLocaleTimeString([], { hour: '2-digit', minute: '2-digit' })}`;
+}
+
 function showJob(j, setup, running, lost) {
   const state = j ? j.state : UNKNOWN, loaded = setup ? `loaded: ${setup.part}` : 'no part loaded';
   text('job-name', j && j.id && running ? j.id : loaded);
   const error = j && j.rms_mm !== null ? `, error ${fixed(j.rms_mm, 2)} mm` : '', bead = j && j.beads ? `bead ${j.bead}/${j.beads}, ` : '';
-  const now = () => `${bead}${Math.round(100 * j.progress)} %, left ${duration(j.time_left)}${error}`;
+  const now = () => `${bead}${Math.round(100 * j.progress)} %, ${left(j)}${error}`;
   const detail = !j ? why('job') : state === 'PAUSED' ? j.message || now() : running ? now()
     : lost ? `${lost.id} ${lost.why}` : j.message || error.slice(2);
   tile('job', !j ? UNKNOWN : state === 'IDLE' ? 'no job' : running && j.layers ? `${state} ${j.layer}/${j.layers}` : state, detail, { held: state === 'PAUSED' });

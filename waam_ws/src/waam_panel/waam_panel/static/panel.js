@@ -13,6 +13,7 @@ import { bindSetup, choices } from './setup.js';
 import { hear, known, mark, why } from './sources.js';
 import { bindStandoff, drawStandoff, readStandoff, showStandoff } from './standoff.js';
 import { follow } from './stream.js';
+import { applyTheme, isDark, onSystemTheme, switchTheme } from './theme.js';
 
 let sections = {}, factors = {}, running = null, last = null, again = 0, jobEnds = -1, page = 'run';
 const drawPlots = makePlots($('plots'));
@@ -36,11 +37,13 @@ function gain(change) {
 function bind() {
   $('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });
   $('pause').addEventListener('click', pause);
+  $('start').addEventListener('click', () => { $('f-wire_left_m').value = ''; }); // another job finds less
   for (const name of ['arm', 'start', 'resume', 'home', 'zero', 'disarm', 'reset', 'rescan', 'skip_layer']) $(name).addEventListener('click', () => post(name));
   document.querySelectorAll('[data-over]').forEach((b) => b.addEventListener('click', () => override(b.dataset.over, Number(b.dataset.step))));
   document.querySelectorAll('[data-gain]').forEach((b) => b.addEventListener('click', () => gain(Number(b.dataset.gain))));
   document.querySelectorAll('nav [data-page]').forEach((b) => b.addEventListener('click', () => open(b.dataset.page)));
-  $('theme').addEventListener('click', () => theme(!document.documentElement.classList.contains('dark')));
+  $('theme').addEventListener('click', () => { switchTheme(); theme(); });
+  onSystemTheme(theme);
   $('jobs-again').addEventListener('click', jobs);
   for (const id of ['restart', 'said-restart']) $(id).addEventListener('click', () => post('restart_programs', {}, { patience: 60000 }));
   window.addEventListener('resize', redraw);
@@ -59,6 +62,7 @@ function keys() {
 
 function open(name) {
   page = name;
+  history.replaceState(null, '', `#${name}`); // a reload comes back to it
   document.querySelectorAll('.page').forEach((p) => p.classList.toggle('on', p.id === name));
   document.querySelectorAll('nav [data-page]').forEach((b) => b.classList.toggle('on', b.dataset.page === name));
   redraw();
@@ -68,11 +72,10 @@ function open(name) {
   if (name === 'standoff') readStandoff();
 }
 
-function theme(dark) {
-  document.documentElement.classList.toggle('dark', dark);
-  text('theme', dark ? 'Light' : 'Dark');
+function theme() {
+  applyTheme();
+  text('theme', isDark() ? 'Light' : 'Dark');
   redraw(); drawChart(); drawProgram();
-  try { localStorage.setItem('theme', dark ? 'dark' : 'light'); } catch { /* private window: not kept */ }
 }
 
 // ---- what is shown
@@ -102,6 +105,18 @@ function showProcess(p) {
   rows($('process-facts'), [[`held: ${p.value}, set, ${p.unit}`, fixed(p.set, 1)], [`measured, ${p.unit}`, fixed(p.measured, 1)],
     ['correction: travel, wire', `${percent(p.speed)}, ${percent(p.wire)}`], ['operator: travel, wire', `${percent(p.operator_speed)}, ${percent(p.operator_wire)}`],
     ['state', p.frozen ? `stays: ${p.frozen}` : p.limited ? '! at its limit' : 'acts']]);
+}
+
+// Wire on the spool, as the job has written it after its last layer; nothing where nobody told.
+const SPOOL_MS = 5000;
+async function spool() {
+  const s = running && page === 'run' ? await get('/api/spool') : null;
+  if (running && page !== 'run') return;
+  $('spool-value').hidden = !s;
+  if (!s) return;
+  text('v-spool', fixed(s.left_m, 1)); text('v-need', s.need_m === null ? '?' : fixed(s.need_m, 1));
+  text('v-fits', `m: ${s.words || 'need not known'}`);
+  $('spool-value').classList.toggle('bad', s.words === 'it is too little');
 }
 
 function showWidth(w, ratio) {
@@ -185,10 +200,11 @@ async function jobs() {
 
 async function begin() {
   bind();
-  let kept = null;
-  try { kept = localStorage.getItem('theme'); } catch { /* private window */ }
-  theme(kept === 'dark');
+  theme();
+  setInterval(spool, SPOOL_MS);
   follow(onFrame, (past) => { addPast(past); redraw(); }, onLost);
+  const asked = location.hash.slice(1);
+  if ([...document.querySelectorAll('nav [data-page]')].some((b) => b.dataset.page === asked)) open(asked);
   const found = await choices();
   if (found) { factors = found.override_limits; makeSteps($('steps'), found.steps_mm); showTable(found.alarms); }
 }

@@ -1,5 +1,6 @@
 // G-code: choose or upload a program, its checks, its layers from above, load, start.
 import { $, bindUpload, duration, element, fill, get, makeTable, post, tableRow, text } from './api.js';
+import { keepForm } from './keep.js';
 import { limit, readFields } from './numbers.js';
 import { colour, prepare } from './plots.js';
 
@@ -19,6 +20,7 @@ export async function programs() {
   const first = !$('g-loop_mode').value;
   fill($('g-loop_mode'), list.loop_modes);
   if (first) $('g-loop_mode').value = 'monitor';
+  keepForm($('gcode-form'));
 }
 
 // All fields, or null when a number was not understood.

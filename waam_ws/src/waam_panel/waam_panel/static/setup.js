@@ -1,9 +1,10 @@
 // Set up: choose or upload a part, load, preview.
 import { $, bindUpload, fill, get, post, text } from './api.js';
+import { keepForm } from './keep.js';
 import { limit, readFields } from './numbers.js';
 
 const WORDS = ['part', 'as_found', 'mode', 'material', 'loop_mode', 'finish', 'operator_name', 'wire_lot', 'gas', 'name'];
-const NUMBERS = ['layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm'];
+const NUMBERS = ['layers', 'tolerance_mm', 'layer_height_mm', 'bead_width_mm', 'passes', 'allowance_mm', 'wire_left_m'];
 let simulated = false;
 
 export async function choices() {
@@ -12,11 +13,12 @@ export async function choices() {
   simulated = found.simulated;
   const parts = found.parts.map((p) => [p.name, `${p.name} (${p.kb} kB)`]);
   fill($('f-part'), parts.length ? parts : [['', 'no part yet: upload one']]);
-  const first = simulated ? ['', 'choose what lies on the table'] : ['', 'scanned when the job starts'];
-  fill($('f-as_found'), [first, ['(last scan)', 'last scan (for the preview)'], ...parts]);
+  const first = simulated ? ['', 'what lies there?'] : ['', 'by a scan'];
+  fill($('f-as_found'), [first, ['(last scan)', 'last scan'], ...parts]);
   fill($('f-loop_mode'), found.loop_modes);
   fill($('f-material'), found.materials);
   for (const name of NUMBERS) limit($(`f-${name}`), found.limits[name]);
+  keepForm($('setup-form'));
   return found;
 }
 
@@ -50,7 +52,7 @@ async function preview() {
 export function bindSetup() {
   $('load').addEventListener('click', load);
   $('preview').addEventListener('click', preview);
-  $('enqueue').addEventListener('click', () => { const data = form(); if (data) post('queue_add', data); });
+  $('enqueue').addEventListener('click', () => { const data = form(); if (data) post('queue_add', { ...data, wire_left_m: null }); }); // what will be on it then is not known
   $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
   bindUpload('f-upload', 'parts', async (name) => { await choices(); $('f-part').value = name; });
 }

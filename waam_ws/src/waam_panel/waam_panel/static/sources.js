@@ -10,6 +10,9 @@ export const why = (section) => stale[section] || stale.panel || '';
 // A section, or undefined while it cannot be believed.
 export const known = (sections, name) => (why(name) ? undefined : sections[name]);
 
+// s since the newest message of a section, 0 = not known.
+export const ageOf = (section) => ages[section] ?? 0;
+
 export function ago(section) {
   const s = ages[section];
   return s === undefined ? '' : s < 120 ? `${Math.round(s)} s` : s < 7200 ? `${Math.round(s / 60)} min` : `${Math.round(s / 3600)} h`;
