@@ -27,7 +27,6 @@ def value(client: GraphClient, node: str, name: str) -> float:
     return future.result().values[0].double_value
 
 
-@pytest.mark.heavy
 def test_two_cells_in_one_domain_do_not_meet(tmp_path, part):
     domain = fresh_domain()
     with two_cells(tmp_path, domain, VALUES) as cells:
