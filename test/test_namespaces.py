@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from rcl_interfaces.srv import GetParameters
 from two_cells import lay_both, two_cells
 
