@@ -49,11 +49,7 @@ class Move:
 def _library() -> ctypes.CDLL:
     """The installed library, or the one beside the controller that WAAM_VIRTUAL_CONTROLLER names."""
     other = os.environ.get('WAAM_VIRTUAL_CONTROLLER')
-    path = (
-        Path(other).parent
-        if other
-        else Path(get_package_prefix('waam_firmware')) / 'lib'
-    )
+    path = Path(other).parent if other else Path(get_package_prefix('waam_firmware')) / 'lib'
     lib = ctypes.CDLL(str(path / 'libwaam_controller_lib.so'))
     lib.controller_lib_new.restype = ctypes.c_void_p
     lib.controller_lib_new.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
