@@ -11,7 +11,7 @@ import math
 from waam_process.units import to_mm
 
 from .machine import Machine
-from .params import BridgeParams
+from .params import BridgeParams, CommonParams
 from .settings import ControllerSettings, Setting
 
 CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
@@ -22,9 +22,11 @@ NAMES = tuple(f'{ENVELOPE}{a}' for a in 'xyz') + (
 )  # fmt: skip
 
 
-def wanted(p: BridgeParams) -> dict[str, float]:
-    """The settings that are given, as the controller calls and counts them: mm, mm/s, mm/s^2."""
+def wanted(p: CommonParams) -> dict[str, float]:
+    """The settings that are given, as the controller calls and counts them: mm, mm/s, mm/s^2. None of a robot."""
     given: dict[str, float] = {}
+    if not isinstance(p, BridgeParams):
+        return given
     for name in NAMES:
         value = getattr(p, name)
         if value and not math.isnan(value):
@@ -59,7 +61,7 @@ class Gantry(ControllerSettings):
 
     name, class_name = 'gantry', 'motion'
 
-    def __init__(self, params: BridgeParams) -> None:
+    def __init__(self, params: CommonParams) -> None:
         super().__init__([])
         self._want = wanted(params)
         self._agreed = self._sent = False
