@@ -60,7 +60,7 @@ def parameter_text(cell: CellFile, simulated: bool, path: Path | None = None) ->
     if path is not None:
         values.setdefault('job_sequencer', {})['cell_file'] = str(path)
     blocks = {f'/**/{node}': {'ros__parameters': told} for node, told in values.items()}
-    return yaml.safe_dump(blocks, sort_keys=False, allow_unicode=True)
+    return yaml.safe_dump(blocks, sort_keys=False, allow_unicode=True, default_flow_style=None)
 
 
 def _real(settings: Settings, cell: CellFile) -> tuple[Settings, list[str]]:

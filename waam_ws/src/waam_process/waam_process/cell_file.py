@@ -119,7 +119,8 @@ def _told(key: Key, value: Any) -> Iterator[tuple[str, str, Any]]:
         value = [float(v) * key.factor for v in value]
     split = key.kind in SIZES and key.section == 'process'  # two parameters, one for each end
     for k, (node, name) in enumerate(key.parameters):
-        yield node, name, value[k] if split else value
+        told = value[k] if split else value
+        yield node, name, list(told) if isinstance(told, list) else told  # no two share one
 
 
 def alike(a: Any, b: Any) -> bool:
