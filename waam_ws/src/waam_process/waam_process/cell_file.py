@@ -114,13 +114,18 @@ def _told(key: Key, value: Any) -> Iterator[tuple[str, str, Any]]:
     if key.words:
         value = key.words[value]
     elif key.kind == NUMBER:
-        value = float(value) * key.factor
+        value = _si(value, key)
     elif key.kind in SIZES:
-        value = [float(v) * key.factor for v in value]
+        value = [_si(v, key) for v in value]
     split = key.kind in SIZES and key.section == 'process'  # two parameters, one for each end
     for k, (node, name) in enumerate(key.parameters):
         told = value[k] if split else value
         yield node, name, list(told) if isinstance(told, list) else told  # no two share one
+
+
+def _si(value: float, key: Key) -> float:
+    """Without the last digits that a factor adds: 0.82, not 0.8200000000000001."""
+    return float(f'{value * key.factor:.12g}')
 
 
 def alike(a: Any, b: Any) -> bool:

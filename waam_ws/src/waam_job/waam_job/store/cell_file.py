@@ -48,7 +48,8 @@ def compared(file: str, parameters: Mapping[str, Mapping[str, Any]], simulated: 
     again = (
         'waam stop, waam up: the cell file was changed since, or a parameter file contradicts it'
     )
-    refused = tuple(f'{text} ({again})' for path, text in off.items() if path.startswith(AXES))
+    machine = [text for path, text in off.items() if path.startswith(AXES)]
+    refused = (f'{"; ".join(machine)} ({again})',) if machine else ()
     return Compared(refused, tuple(text for path, text in off.items() if not path.startswith(AXES)))
 
 
