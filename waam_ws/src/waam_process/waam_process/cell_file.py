@@ -103,8 +103,8 @@ class CellFile:
                 has = parameters.get(node, {}).get(name, value)
                 if not alike(has, value):
                     path = self.key_of(node, name)
-                    found[path] = (
-                        f'{self.where(path)} is {self.values[path]}, {node} has {name} {has}'
+                    found.setdefault(
+                        path, f'{self.where(path)} is {self.values[path]}, {node} has {name} {has}'
                     )
         return found
 
