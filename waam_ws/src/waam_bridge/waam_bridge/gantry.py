@@ -17,7 +17,8 @@ from .settings import ControllerSettings, Setting
 CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
 STEPS, SPEED, ENVELOPE = 'steps_per_mm_', 'max_speed_', 'envelope_'
 NAMES = tuple(f'{ENVELOPE}{a}' for a in 'xyz') + (
-    'rapid_speed', 'max_accel_z', 'home_direction_x', 'home_direction_y',
+    'rapid_speed', 'max_accel_z', 'accel_limit_x', 'accel_limit_y', 'home_seek_speed', 'home_latch_speed',
+    'home_direction_x', 'home_direction_y',
     *(f'{group}{a}' for group in (SPEED, STEPS) for a in 'xyz'),
 )  # fmt: skip
 
@@ -30,7 +31,7 @@ def wanted(p: CommonParams) -> dict[str, float]:
     for name in NAMES:
         value = getattr(p, name)
         if value and not math.isnan(value):
-            plain = name.startswith(('home', STEPS))
+            plain = name.startswith(('home_direction', STEPS))
             given[name] = float(value) if plain else to_mm(value)
     return given
 
@@ -91,7 +92,8 @@ class Gantry(ControllerSettings):
     def told(self, machine: Machine, text: str) -> None:
         """Compares; what differs is sent once."""
         told = parse(text)
-        if not told.keys() >= set(NAMES):
+        needed = {*self._want, *(ENVELOPE + axis for axis in 'xyz')}
+        if not told.keys() >= needed:  # older firmware has not all of them
             self._refuse(machine, f"the controller does not tell the gantry's settings: '{text}'")
             return
         self._left = differing(self._want, told)

@@ -155,7 +155,21 @@ class BridgeParams(CommonParams):
         f'greatest acceleration of Z (of X and Y: waam calibrate); {OF_BOARD}',
         'm/s^2',
         0.05,
-        0.5,
+        5.0,
+    )
+    accel_limit_x: float = param(
+        NAN, f'what waam calibrate may set for the axis at most; {OF_BOARD}', 'm/s^2', 0.05, 5.0
+    )
+    accel_limit_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s^2', 0.05, 5.0)
+    home_seek_speed: float = param(
+        NAN,
+        f'of homing towards the switch, where 3 mm are enough to brake; {OF_BOARD}',
+        'm/s',
+        0.005,
+        0.1,
+    )
+    home_latch_speed: float = param(
+        NAN, f'of homing onto the switch; {OF_BOARD}', 'm/s', 0.0005, 0.005
     )
     home_direction_x: int = param(
         0,

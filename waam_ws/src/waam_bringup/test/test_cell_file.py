@@ -62,13 +62,13 @@ def test_a_new_cell_is_right_and_is_not_written_twice(cells, tmp_path, capsys):
 @pytest.mark.parametrize(
     ('old', 'put', 'said'),
     [
-        ('envelope_mm: 300', 'envelope_mm: 5000', r':15: axes.y.envelope_mm is 5000 mm, above its limit 3500 mm$'),
-        ('accel_mm_s2: 300', 'accel_mm_s2: 9', r':23: axes.z.accel_mm_s2 is 9 mm/s2, below its limit 50 mm/s2$'),
-        ('speed_mm_s: 100', 'speed_mm_s: 400', r':21: axes.z.speed_mm_s is 400 mm/s: with 320 steps/mm 128000 steps '
+        ('envelope_mm: 300', 'envelope_mm: 5000', r':16: axes.y.envelope_mm is 5000 mm, above its limit 3500 mm$'),
+        ('accel_mm_s2: 300', 'accel_mm_s2: 9', r':25: axes.z.accel_mm_s2 is 9 mm/s2, below its limit 50 mm/s2$'),
+        ('speed_mm_s: 100', 'speed_mm_s: 400', r':23: axes.z.speed_mm_s is 400 mm/s: with 320 steps/mm 128000 steps '
          r'per second, above the limit 77000'),
-        ('zero_mm: [100,', 'zero_mm: [600,', r':41: work.zero_mm is at x 600 mm, outside 0 .. 400 mm'),
-        ('plate_mm: [20, 20,', 'plate_mm: [20, 250,', r':42: work.plate_mm is at y 330 mm, outside 0 .. 300 mm'),
-        ('er70s-6', 'brass', r":38: source.material is 'brass', known are er70s-6"),
+        ('zero_mm: [100,', 'zero_mm: [600,', r':45: work.zero_mm is at x 600 mm, outside 0 .. 400 mm'),
+        ('plate_mm: [20, 20,', 'plate_mm: [20, 250,', r':46: work.plate_mm is at y 330 mm, outside 0 .. 300 mm'),
+        ('er70s-6', 'brass', r":42: source.material is 'brass', known are er70s-6"),
         ('# arc_speed_mm_s: [3, 20]', 'arc_speed_mm_s: [30, 20]', r'arc_speed_mm_s is \[30, 20\]: the lowest comes'),
         ('# low_c: 0', 'low_c: 0', 'low_c belongs to a pyrometer: sensors.pyrometer.source is missing'),
         ('# source: 4-20mA', 'source: 4-21mA', "source is '4-21mA', wanted is"),
@@ -92,7 +92,7 @@ def test_settings_of_an_instrument_are_not_those_of_the_controllers_input(cells,
     board = ('# source: 4-20mA', 'source: 4-20mA')
     cells(board, ('# low_c: 0', 'low_c: 900'), ('# high_c: 1000', 'high_c: 50'))
     said = refused(capsys, 'cell', 'check')[0]
-    assert re.search(r":49: sensors.pyrometer.high_c: .*not above 'temperature_low'", said)
+    assert re.search(r":53: sensors.pyrometer.high_c: .*not above 'temperature_low'", said)
 
 
 def test_limits_are_those_of_the_nodes_for_every_key():
@@ -110,7 +110,7 @@ def test_show_says_where_every_value_comes_from(cells, tmp_path, capsys):
     save(tmp_path / 'calibrations', result, '')
     assert cli.main(['cell', 'show']) == 0
     out = capsys.readouterr().out
-    assert re.search(r'axes.z.speed_mm_s +90 mm/s +.*cell.yaml:21', out)
+    assert re.search(r'axes.z.speed_mm_s +90 mm/s +.*cell.yaml:23', out)
     by = r'calibration steps_x of 2026-11-01 10:00 \(nominal 320\)'
     assert re.search(rf'axes.x.steps_per_mm +321.5 1/mm +{by}', out)
     assert re.search(r'link.baud +921600 Bd +default of bridge', out)
@@ -131,7 +131,7 @@ def test_a_calibration_that_the_file_contradicts_is_named(cells, tmp_path, capsy
     result = found('z', '400', [('steps_per_mm_z', 400.0)])
     save(tmp_path / 'calibrations', result, '')
     said = refused(capsys, 'cell', 'check')[0]
-    assert ':22: axes.z.steps_per_mm is 320, the calibration found 400: more than 5 %' in said
+    assert ':24: axes.z.steps_per_mm is 320, the calibration found 400: more than 5 %' in said
 
 
 def test_diff(cells, capsys):
@@ -174,7 +174,7 @@ def test_what_a_parameter_file_says_against_the_file_is_named_and_refused_for_th
     mine.write_text('/**/job_sequencer:\n  ros__parameters: {plate_zero: [0.0, 0.0, 0.0]}\n')
     said = apply(Settings(run=tmp_path, params_files=(mine,)), True).said
     assert 'job_sequencer plate_zero is [0.0, 0.0, 0.0] in a --params-file' in said[1]
-    assert 'cell.yaml:42: work.plate_mm' in said[1] and 'the parameter file counts' in said[1]
+    assert 'cell.yaml:46: work.plate_mm' in said[1] and 'the parameter file counts' in said[1]
     mine.write_text('/**/bridge:\n  ros__parameters: {envelope_x: 0.5}\n')
     with pytest.raises(GraphError, match=r'envelope_x is 0.5 .*cell.yaml:10: axes.x.envelope_mm is 400'):  # fmt: skip
         apply(Settings(run=tmp_path, params_files=(mine,)), True)

@@ -56,9 +56,11 @@ def _axis(axis: str, travel: str, speed: str) -> tuple[Key, ...]:
         of('speed_mm_s', 'greatest speed', speed, 'mm/s', parameter='max_speed', factor=MILLI),
         of('steps_per_mm', 'nominal; what waam calibrate finds counts while it is within 5 % of it', '320', '1/mm',
            parameter='steps_per_mm'),
-        *((of('home', "end of the axis where its switch is: low or high", 'low', kind=TEXT, words=HOME,
+        *((of('accel_mm_s2', 'what waam calibrate resonance may set at most', '500', 'mm/s2', parameter='accel_limit',
+              factor=MILLI),
+           of('home', "end of the axis where its switch is: low or high", 'low', kind=TEXT, words=HOME,
               parameter='home_direction'),) if axis != 'z' else
-          (of('accel_mm_s2', 'greatest acceleration (of x and y: waam calibrate)', '300', 'mm/s2',
+          (of('accel_mm_s2', 'greatest acceleration', '300', 'mm/s2',
               parameter='max_accel', factor=MILLI),)),
     )  # fmt: skip
 
@@ -102,6 +104,10 @@ KEYS: dict[str, Key] = {
         *_axis('x', '400', '200'), *_axis('y', '300', '200'), *_axis('z', '200', '100'),
         Key('axes.rapid_mm_s', NUMBER, 'speed of G0, along the path', '50', 'mm/s', (('bridge', 'rapid_speed'),), MILLI,
             given=True, simulated=True),
+        Key('axes.home_mm_s', NUMBER, 'of homing towards a switch; slower where 3 mm would not be enough to brake',
+            '40', 'mm/s', (('bridge', 'home_seek_speed'),), MILLI, given=True, simulated=True),
+        Key('axes.home_latch_mm_s', NUMBER, 'of homing onto the switch', '2', 'mm/s', (('bridge', 'home_latch_speed'),),
+            MILLI, given=True, simulated=True),
         Key(PORT, TEXT, 'of the controller, by its id (waam ports)', '/dev/serial/by-id/waam'),
         Key('link.baud', WHOLE, 'of a true UART; 0 = the rate that answers', '921600', 'Bd', (('bridge', 'baud'),)),
         _limit('arc_speed_mm_s', 'travel with the arc on, lowest and highest', '[3, 20]', 'mm/s', 'arc_speed', MILLI),
