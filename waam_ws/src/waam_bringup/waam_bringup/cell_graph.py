@@ -42,7 +42,7 @@ def apply(settings: Settings, simulated: bool) -> Applied:
             f'{cell.name} describes a {GANTRY}; a robot has parameters (waam_robot_bridge/README.md): use another '
             'name for its cell (--cell NAME)'
         )
-    said = []
+    said: list[str] = []
     if not simulated:
         settings, said = _real(settings, cell)
     file = settings.run / PARAMETERS

@@ -100,6 +100,17 @@ def test_not_while_it_moves_nor_while_a_job_is_armed():
     assert m.ask('$C') == FACTORY, 'told in any state'
 
 
+def test_the_longest_answer_fits_into_a_line():
+    m = Machine(
+        home=False, **{f'steps_per_mm_{a}': 123.457 for a in 'xyz'}, **{f'envelope_{a}': 3456.789 for a in 'xyz'},
+        **{f'max_speed_{a}': 456.789 for a in 'xyz'}, rapid_speed=456.789, max_accel_z=4567.891, accel_limit_x=4567.891,
+        accel_limit_y=4567.891, home_seek_speed=67.891, home_latch_speed=3.457,
+    )  # fmt: skip
+    answer = m.ask('$C@4294967295')
+    assert 'envelope_z=3456.789' in answer and 'home_latch_speed=3.457' in answer
+    assert len(answer) + len('*0123456789\n') <= 480
+
+
 def test_a_higher_limit_lets_the_calibration_choose_more_and_a_lower_one_counts_at_once():
     m = Machine()
     assert 'E105 max_accel_x: the machine has at most 500' in m.ask('$C max_accel_x 900')

@@ -89,15 +89,15 @@ class CellFile:
             return None
         at = [z + (p if build else 0.0) for z, p in zip(zero, plate or zero, strict=True)]
         low = tuple(-v * 1e-3 for v in at)
-        high = tuple((s - v) * 1e-3 for s, v in zip(sizes, at, strict=True))  # type: ignore[operator]
-        return low, high  # type: ignore[return-value]
+        high = tuple((s - v) * 1e-3 for s, v in zip(sizes, at, strict=True))
+        return low, high
 
     def differences(
         self, parameters: Mapping[str, Mapping[str, Any]], simulated: bool
     ) -> dict[str, str]:
         """path -> why: keys that nodes do not have as the file says. parameters: what nodes have; those that are not
         there are not compared."""
-        found = {}
+        found: dict[str, str] = {}
         for node, wanted in self.parameters(simulated).items():
             for name, value in wanted.items():
                 has = parameters.get(node, {}).get(name, value)
@@ -181,9 +181,9 @@ def _read(
             wrong.append(f'{here} is there twice')
         seen.add(name)
         if path == HEAD:
-            version = loader.construct_object(value_node, deep=True)  # type: ignore[no-untyped-call]
+            version = loader.construct_object(value_node, deep=True)
         elif path in KEYS:
-            value = loader.construct_object(value_node, deep=True)  # type: ignore[no-untyped-call]
+            value = loader.construct_object(value_node, deep=True)
             if why := _mismatch(KEYS[path], value):
                 wrong.append(f'{here} is {value!r}: {why}')
             cell.values[path], cell.lines[path] = value, line

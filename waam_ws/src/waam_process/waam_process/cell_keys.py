@@ -47,21 +47,58 @@ class Key:
 
 
 def _axis(axis: str, travel: str, speed: str) -> tuple[Key, ...]:
-    def of(name: str, *row: str, kind: str = NUMBER, parameter: str = '', **more: object) -> Key:
+    def of(
+        name: str,
+        meaning: str,
+        example: str,
+        unit: str,
+        parameter: str,
+        factor: float = 1.0,
+        words: dict[str, int] | None = None,
+    ) -> Key:
         told = (('bridge', f'{parameter}_{axis}'),)
-        return Key(f'{AXES}{axis}.{name}', kind, *row, parameters=told, given=True, simulated=True, **more)  # type: ignore[arg-type]  # fmt: skip
+        kind = TEXT if words else NUMBER
+        return Key(
+            f'{AXES}{axis}.{name}',
+            kind,
+            meaning,
+            example,
+            unit,
+            told,
+            factor,
+            words or {},
+            True,
+            True,
+        )
 
+    last = (
+        (of('accel_mm_s2', 'greatest acceleration', '300', 'mm/s2', 'max_accel', MILLI),)
+        if axis == 'z'
+        else (
+            of(
+                'accel_mm_s2',
+                'what waam calibrate resonance may set at most',
+                '500',
+                'mm/s2',
+                'accel_limit',
+                MILLI,
+            ),
+            of(
+                'home',
+                'end of the axis where its switch is: low or high',
+                'low',
+                '',
+                'home_direction',
+                words=HOME,
+            ),
+        )
+    )
     return (
-        of('envelope_mm', 'travel of the axis from 0', travel, 'mm', parameter='envelope', factor=MILLI),
-        of('speed_mm_s', 'greatest speed', speed, 'mm/s', parameter='max_speed', factor=MILLI),
+        of('envelope_mm', 'travel of the axis from 0', travel, 'mm', 'envelope', MILLI),
+        of('speed_mm_s', 'greatest speed', speed, 'mm/s', 'max_speed', MILLI),
         of('steps_per_mm', 'nominal; what waam calibrate finds counts while it is within 5 % of it', '320', '1/mm',
-           parameter='steps_per_mm'),
-        *((of('accel_mm_s2', 'what waam calibrate resonance may set at most', '500', 'mm/s2', parameter='accel_limit',
-              factor=MILLI),
-           of('home', "end of the axis where its switch is: low or high", 'low', kind=TEXT, words=HOME,
-              parameter='home_direction'),) if axis != 'z' else
-          (of('accel_mm_s2', 'greatest acceleration', '300', 'mm/s2',
-              parameter='max_accel', factor=MILLI),)),
+           'steps_per_mm'),
+        *last,
     )  # fmt: skip
 
 
