@@ -59,7 +59,8 @@ def _axis(axis: str, travel: str, speed: str) -> tuple[Key, ...]:
         told = (('bridge', f'{parameter}_{axis}'),)
         kind = TEXT if words else NUMBER
         return Key(
-            f'{AXES}{axis}.{name}', kind, meaning, example, unit, told, factor, words=words or {}, given=True, simulated=True
+            f'{AXES}{axis}.{name}', kind, meaning, example, unit, told, factor, words=words or {}, given=True,
+            simulated=True,
         )  # fmt: skip
 
     last = (
