@@ -45,8 +45,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         'waam_view',
     },
     'waam_bringup': {
-        'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process', 'waam_record', 'waam_shop',
-        'waam_view',
+        'waam_adapt', 'waam_bridge', 'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process',
+        'waam_record', 'waam_scan', 'waam_shop', 'waam_view',
     },
 }  # fmt: skip
 NO_MESSAGES = {
@@ -68,7 +68,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_process/waam_process/grid.py': 'a height grid is saved and loaded in one format',
     'waam_process/waam_process/safe_files.py': 'the one way to read files that others may have written',
     'waam_process/waam_process/materials.py': 'reads the table of materials beside it',
-    'waam_bridge/waam_bridge/transport.py': 'the serial port',
+    'waam_bridge/waam_bridge/(transport|ports).py': 'serial ports',
     'waam_bridge/waam_bridge/instruments.py': 'pyrometers on a serial port or behind Modbus',
     'waam_sim/waam_sim/compiled.py': 'hashes the sources of the kernels, so that their cache is current',
     'waam_sim/waam_sim/port.py': 'a pseudo-terminal with the controller behind it',

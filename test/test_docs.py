@@ -131,7 +131,7 @@ def test_the_page_of_the_job_folder_names_every_file():
     listed = (ROOT / 'docs' / 'job_folder.md').read_text().split('```')[1]
     names = [v for k, v in vars(job_folder).items() if k.isupper() and isinstance(v, str)]
     made = [job_folder.plan(), job_folder.program(), job_folder.record(), job_folder.resume(2),
-            job_folder.plan(2), job_folder.map_after(0), job_folder.viewer_recording()]  # fmt: skip
+            job_folder.plan(2), job_folder.map_after(0), job_folder.viewer_recording(), job_folder.cell()]  # fmt: skip
     wanted = [n for n in (*names, *made) if '*' not in n]
     assert len(wanted) > 18 and not [n for n in wanted if n not in listed]
 

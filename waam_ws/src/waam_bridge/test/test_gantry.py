@@ -30,7 +30,8 @@ class Large(FakeCore):
         self.has = dict.fromkeys(NAMES, 320.0) | {
             'envelope_x': 400.0, 'envelope_y': 300.0, 'envelope_z': 200.0, 'max_speed_x': 200.0, 'max_speed_y': 200.0,
             'max_speed_z': 100.0, 'rapid_speed': 50.0, 'max_accel_z': 300.0, 'home_direction_x': -1.0,
-            'home_direction_y': -1.0,
+            'home_direction_y': -1.0, 'accel_limit_x': 500.0, 'accel_limit_y': 500.0, 'home_seek_speed': 40.0,
+            'home_latch_speed': 2.0,
         }  # fmt: skip
         self.taken: list[str] = []
 
@@ -159,3 +160,22 @@ def test_units_are_those_of_the_controller():
 def test_a_parameter_that_no_gantry_has_is_refused_by_name(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         from_dict(BridgeParams, values)
+
+
+def test_accelerations_and_speeds_of_homing_are_told_in_mm():
+    told = wanted(
+        from_dict(
+            BridgeParams, {'accel_limit_x': 2.0, 'home_seek_speed': 0.08, 'home_direction_y': 1}
+        )
+    )
+    assert told == {'accel_limit_x': 2000.0, 'home_seek_speed': 80.0, 'home_direction_y': 1.0}
+
+
+def test_older_firmware_is_refused_only_for_what_it_does_not_have():
+    older = Large()
+    older.has = {
+        n: v for n, v in older.has.items() if not n.startswith(('accel', 'home_s', 'home_l'))
+    }
+    assert met(older, **LARGE).bridge.gantry.problem == ''
+    cell = met(older, **LARGE, home_seek_speed=0.08)
+    assert "does not tell the gantry's settings" in cell.bridge.gantry.problem

@@ -32,7 +32,7 @@ from .node_publishers import Publishers
 from .node_services import Services
 from .node_stop import StopLane
 from .outbox import WARNING
-from .params import BridgeParams
+from .params import BridgeParams, CommonParams
 from .transport import SerialTransport, Transport
 
 ALIGN = 5e-5  # s that reading both clocks may take
@@ -44,7 +44,7 @@ SWITCH_INTERVAL = 0.001  # s: a long callback may keep the link's thread from ru
 class BridgeNode(WaamNode):
     """Host end of the link; see docs/interfaces.md. Other machines put another transport behind it."""
 
-    def __init__(self, params: type[BridgeParams] = BridgeParams) -> None:
+    def __init__(self, params: type[CommonParams] = BridgeParams) -> None:
         super().__init__('bridge', params)
         sys.setswitchinterval(SWITCH_INTERVAL)
         p = self.params
@@ -279,7 +279,7 @@ class BridgeNode(WaamNode):
         if due:
             self._pump()
 
-    def _take_params(self, params: BridgeParams) -> None:
+    def _take_params(self, params: CommonParams) -> None:
         """Other settings of the standoff control. ValueError while a job is armed or the machine runs."""
         with self._lock:
             self.core.standoff.change(params, self.core)

@@ -16,7 +16,7 @@ from .frames import ALARM, IDLE
 from .gantry import Gantry
 from .machine import Machine
 from .outbox import ALARM_SEVERITY, FAULT, INFO, WARNING, ResendWatch
-from .params import BridgeParams
+from .params import CommonParams
 from .pending import Reply
 from .program import Permit
 from .standoff import Standoff
@@ -28,7 +28,7 @@ TICK_S = 0.1  # between lease ticks, controller time: a lease is as old as one o
 class Bridge(Machine):
     """The machine, and everything that may be asked of it."""
 
-    def __init__(self, params: BridgeParams) -> None:
+    def __init__(self, params: CommonParams) -> None:
         super().__init__(params, self._on_ready)
         # why there must be no arc for now: asked before a job is armed
         self.unfit: Callable[[], str] = lambda: ''

@@ -11,24 +11,27 @@ import math
 from waam_process.units import to_mm
 
 from .machine import Machine
-from .params import BridgeParams
+from .params import BridgeParams, CommonParams
 from .settings import ControllerSettings, Setting
 
 CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
 STEPS, SPEED, ENVELOPE = 'steps_per_mm_', 'max_speed_', 'envelope_'
 NAMES = tuple(f'{ENVELOPE}{a}' for a in 'xyz') + (
-    'rapid_speed', 'max_accel_z', 'home_direction_x', 'home_direction_y',
+    'rapid_speed', 'max_accel_z', 'accel_limit_x', 'accel_limit_y', 'home_seek_speed', 'home_latch_speed',
+    'home_direction_x', 'home_direction_y',
     *(f'{group}{a}' for group in (SPEED, STEPS) for a in 'xyz'),
 )  # fmt: skip
 
 
-def wanted(p: BridgeParams) -> dict[str, float]:
-    """The settings that are given, as the controller calls and counts them: mm, mm/s, mm/s^2."""
+def wanted(p: CommonParams) -> dict[str, float]:
+    """The settings that are given, as the controller calls and counts them: mm, mm/s, mm/s^2. None of a robot."""
     given: dict[str, float] = {}
+    if not isinstance(p, BridgeParams):
+        return given
     for name in NAMES:
         value = getattr(p, name)
         if value and not math.isnan(value):
-            plain = name.startswith(('home', STEPS))
+            plain = name.startswith(('home_direction', STEPS))
             given[name] = float(value) if plain else to_mm(value)
     return given
 
@@ -59,7 +62,7 @@ class Gantry(ControllerSettings):
 
     name, class_name = 'gantry', 'motion'
 
-    def __init__(self, params: BridgeParams) -> None:
+    def __init__(self, params: CommonParams) -> None:
         super().__init__([])
         self._want = wanted(params)
         self._agreed = self._sent = False
@@ -89,7 +92,8 @@ class Gantry(ControllerSettings):
     def told(self, machine: Machine, text: str) -> None:
         """Compares; what differs is sent once."""
         told = parse(text)
-        if not told.keys() >= set(NAMES):
+        needed = {*self._want, *(ENVELOPE + axis for axis in 'xyz')}
+        if not told.keys() >= needed:  # older firmware has not all of them
             self._refuse(machine, f"the controller does not tell the gantry's settings: '{text}'")
             return
         self._left = differing(self._want, told)

@@ -12,7 +12,7 @@ from enum import IntEnum
 
 from . import frames, parsing
 from .clock import ClockMap
-from .params import BridgeParams
+from .params import CommonParams
 from .requests import OK, Done, Requests
 from .stream import Sender
 
@@ -46,7 +46,7 @@ class Link:
 
     def __init__(
         self,
-        params: BridgeParams,
+        params: CommonParams,
         lease_us: Callable[[int], int],
         on_ready: Callable[[bool, bool, float], None],
     ) -> None:

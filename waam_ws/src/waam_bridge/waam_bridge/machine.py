@@ -10,7 +10,7 @@ from .arming import Arming
 from .frames import IDLE
 from .link import Link
 from .outbox import Notice, Outbox
-from .params import BridgeParams
+from .params import CommonParams
 from .pending import Pending
 from .program import Mark, Modal, Pace, as_programmed
 
@@ -18,7 +18,7 @@ from .program import Mark, Modal, Pace, as_programmed
 class Machine:
     """State, and what every part may do with it. `core.Bridge` is one."""
 
-    def __init__(self, params: BridgeParams, on_ready: Callable[[bool, bool, float], None]) -> None:
+    def __init__(self, params: CommonParams, on_ready: Callable[[bool, bool, float], None]) -> None:
         self.params = params
         self.arming = Arming()
         self.link = Link(params, self.arming.lease_us, on_ready)

@@ -20,8 +20,8 @@ _standoff = partial(param, changeable=True)
 
 
 @dataclass(frozen=True)
-class BridgeParams:
-    """Defaults fit a cell with 1.2 mm steel wire, a 5 kW source and 320 steps/mm."""
+class CommonParams:
+    """What the bridge of any machine has; defaults fit a cell with 1.2 mm steel wire and a 5 kW source."""
 
     port: str = param('/dev/serial/by-id/waam', 'serial port or pseudo-terminal of the controller')
     stop_socket: str = param(
@@ -68,48 +68,6 @@ class BridgeParams:
     accelerometer_axes: str = param(
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
-    )
-    envelope_x: float = param(NAN, f'travel of the axis from 0; {OF_BOARD}', 'm', 0.05, 3.5)
-    envelope_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
-    envelope_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
-    max_speed_x: float = param(NAN, f'greatest speed of the axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
-    max_speed_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
-    max_speed_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
-    rapid_speed: float = param(NAN, f'of G0, along the path; {OF_BOARD}', 'm/s', 0.01, 0.5)
-    max_accel_z: float = param(
-        NAN,
-        f'greatest acceleration of Z (of X and Y: waam calibrate); {OF_BOARD}',
-        'm/s^2',
-        0.05,
-        0.5,
-    )
-    home_direction_x: int = param(
-        0,
-        "-1: home switch at the axis' lower end, 1: at the upper; 0 = as in the controller",
-        '',
-        -1,
-        1,
-    )
-    home_direction_y: int = param(0, 'of this axis', '', -1, 1)
-    steps_per_mm_x: float = param(
-        NAN,
-        f'nominal; calibrated ones within 5 % of it stay; {OF_BOARD}',
-        '1/mm',
-        10.0,
-        2000.0,
-    )
-    steps_per_mm_y: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
-    steps_per_mm_z: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
-    temperature_input: str = param(
-        'none',
-        "signal of the part's temperature at the controller; none = another node publishes it",
-        choices=TEMPERATURE_INPUTS,
-    )
-    temperature_low: float = param(
-        0.0, 'at 0 V, or 4 mA (thermocouple amplifier: 0 V)', 'degC', -273.0, 3000.0
-    )
-    temperature_high: float = param(
-        1000.0, 'at 10 V, or 20 mA (thermocouple amplifier: 3 V)', 'degC', -273.0, 3000.0
     )
     standoff_source: str = _standoff(
         'none', 'what the torch is held at its distance by', choices=STANDOFF_SOURCES
@@ -161,9 +119,6 @@ class BridgeParams:
             mounting(self.accelerometer_axes)
         except ValueError as e:
             raise ParameterError(f"parameter 'accelerometer_axes': {e}") from None
-        if not self.temperature_low < self.temperature_high:
-            text = f"parameter 'temperature_high' is {self.temperature_high:g}, not above 'temperature_low'"
-            raise ParameterError(text)
         for name in ('arc_speed', 'wire_feed', 'voltage'):
             low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
             if low > high:
@@ -182,3 +137,71 @@ class BridgeParams:
             voltage=(self.voltage_min, self.voltage_max),
             dwell_max=self.dwell_max,
         )
+
+
+@dataclass(frozen=True)
+class BridgeParams(CommonParams):
+    """Those of the gantry and its controller board: a robot has neither."""
+
+    envelope_x: float = param(NAN, f'travel of the axis from 0; {OF_BOARD}', 'm', 0.05, 3.5)
+    envelope_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
+    envelope_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
+    max_speed_x: float = param(NAN, f'greatest speed of the axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_speed_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_speed_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    rapid_speed: float = param(NAN, f'of G0, along the path; {OF_BOARD}', 'm/s', 0.01, 0.5)
+    max_accel_z: float = param(
+        NAN,
+        f'greatest acceleration of Z (of X and Y: waam calibrate); {OF_BOARD}',
+        'm/s^2',
+        0.05,
+        5.0,
+    )
+    accel_limit_x: float = param(
+        NAN, f'what waam calibrate may set for the axis at most; {OF_BOARD}', 'm/s^2', 0.05, 5.0
+    )
+    accel_limit_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm/s^2', 0.05, 5.0)
+    home_seek_speed: float = param(
+        NAN,
+        f'of homing towards the switch, where 3 mm are enough to brake; {OF_BOARD}',
+        'm/s',
+        0.005,
+        0.1,
+    )
+    home_latch_speed: float = param(
+        NAN, f'of homing onto the switch; {OF_BOARD}', 'm/s', 0.0005, 0.005
+    )
+    home_direction_x: int = param(
+        0,
+        "-1: home switch at the axis' lower end, 1: at the upper; 0 = as in the controller",
+        '',
+        -1,
+        1,
+    )
+    home_direction_y: int = param(0, 'of this axis', '', -1, 1)
+    steps_per_mm_x: float = param(
+        NAN,
+        f'nominal; calibrated ones within 5 % of it stay; {OF_BOARD}',
+        '1/mm',
+        10.0,
+        2000.0,
+    )
+    steps_per_mm_y: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
+    steps_per_mm_z: float = param(NAN, f'of this axis; {OF_BOARD}', '1/mm', 10.0, 2000.0)
+    temperature_input: str = param(
+        'none',
+        "signal of the part's temperature at the controller; none = another node publishes it",
+        choices=TEMPERATURE_INPUTS,
+    )
+    temperature_low: float = param(
+        0.0, 'at 0 V, or 4 mA (thermocouple amplifier: 0 V)', 'degC', -273.0, 3000.0
+    )
+    temperature_high: float = param(
+        1000.0, 'at 10 V, or 20 mA (thermocouple amplifier: 3 V)', 'degC', -273.0, 3000.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.temperature_low < self.temperature_high:
+            text = f"parameter 'temperature_high' is {self.temperature_high:g}, not above 'temperature_low'"
+            raise ParameterError(text)

@@ -10,7 +10,7 @@ from waam_process.units import mm, to_mm
 
 from . import frames
 from .machine import Machine
-from .params import BridgeParams
+from .params import CommonParams
 from .settings import ControllerSettings, Setting
 
 PERIOD_US = 50_000  # between two lines that are published
@@ -31,7 +31,7 @@ OF_SOURCE = {
 }  # fmt: skip
 
 
-def settings(p: BridgeParams) -> list[Setting]:
+def settings(p: CommonParams) -> list[Setting]:
     """What is sent, in this order: off first and the source last, so that the controller judges the whole of it."""
     source = STANDOFF_SOURCES.index(p.standoff_source)
     if source == 0:
@@ -59,7 +59,7 @@ class Standoff(ControllerSettings):
 
     name, capability, class_name = 'standoff control', 'STANDOFF', 'height'
 
-    def __init__(self, params: BridgeParams) -> None:
+    def __init__(self, params: CommonParams) -> None:
         super().__init__(settings(params))
         self._told = frames.Standoff(-PERIOD_US, 0, 0, 0, 0, 0, 0)
 
@@ -70,7 +70,7 @@ class Standoff(ControllerSettings):
         sensor = STANDOFF_SOURCES[int(values['source'])] in ('laser', 'infrared')
         return mm(values['set_mm']) if sensor else 0.0
 
-    def change(self, params: BridgeParams, machine: Machine) -> None:
+    def change(self, params: CommonParams, machine: Machine) -> None:
         """The settings of these parameters from now on. ValueError when they cannot be taken; nothing changes then."""
         wanted = settings(params)
         if why := self._against(wanted, machine):

@@ -7,7 +7,7 @@ from waam_process.names import TEMPERATURE_INPUTS
 from . import frames
 from .machine import Machine
 from .outbox import INFO, WARNING
-from .params import BridgeParams
+from .params import BridgeParams, CommonParams
 from .settings import ControllerSettings, Setting
 
 FAULTS = (  # of a P line
@@ -17,12 +17,12 @@ FAULTS = (  # of a P line
 )  # fmt: skip
 
 
-def settings(p: BridgeParams) -> list[Setting]:
+def settings(p: CommonParams) -> list[Setting]:
     """What is sent, in this order: off first and the input last, so that the controller judges the whole of it."""
     off = ('temperature_input', 0.0)
-    kind = TEMPERATURE_INPUTS.index(p.temperature_input)
-    if kind == 0:
+    if not isinstance(p, BridgeParams) or p.temperature_input == TEMPERATURE_INPUTS[0]:
         return [off]
+    kind = TEMPERATURE_INPUTS.index(p.temperature_input)
     ends = [('temperature_low_c', p.temperature_low), ('temperature_high_c', p.temperature_high)]
     return [off, *ends, ('temperature_input', float(kind))]
 
@@ -32,9 +32,9 @@ class PartTemperature(ControllerSettings):
 
     name, capability, class_name = "input for the part's temperature", 'TEMPERATURE', 'temperature'
 
-    def __init__(self, params: BridgeParams) -> None:
+    def __init__(self, params: CommonParams) -> None:
         super().__init__(settings(params))
-        self._input = params.temperature_input
+        self._input = getattr(params, 'temperature_input', TEMPERATURE_INPUTS[0])
         self._fault = 0
         self._newest: frames.PartTemperature | None = None
 

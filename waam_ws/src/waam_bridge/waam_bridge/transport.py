@@ -161,14 +161,14 @@ class SerialTransport:
             try:
                 self._open()
             except (OSError, ValueError) as e:
-                self.owner.on_close(f'{self.port}: {_reason(e)}')
+                self.owner.on_close(f'{self.port}: {reason(e)}')
                 self._stop.wait(self.retry)
                 continue
             self.owner.on_open()
             try:
                 self._loop()
             except OSError as e:
-                self._reason = self._reason or _reason(e)
+                self._reason = self._reason or reason(e)
             finally:
                 self._shut()
             if self._stop.is_set():
@@ -224,6 +224,7 @@ class SerialTransport:
         return b'' if len(rest) > LINE_LIMIT else rest
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
+    """Why a port could not be opened, in words for the user."""
     code = getattr(error, 'errno', None)
     return _PLAIN.get(code or 0) or getattr(error, 'strerror', None) or str(error)

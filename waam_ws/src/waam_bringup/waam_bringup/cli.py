@@ -18,7 +18,8 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 from waam_record.cli import Graph
 
-from . import audited, calibrate, cli_graph, panel
+from . import audited, calibrate, cli_cell, cli_graph, cli_ports, panel
+from .cell_desk import laboratory, reach
 from .cli_common import add_run, late, reader_is_gone, run_and_domain
 from .cli_job import register_job
 from .cli_parser import Grouped, Parser, register_completion
@@ -46,6 +47,7 @@ TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of it
 # what a package needs of another one that it must not know
 OPTIONS: dict[str, dict[str, Any]] = {
     'waam_archive': {'jobs_dir': jobs_dir},
+    'waam_lab': {'of_cell': laboratory},
     'waam_record': {'graph': Graph(add_run, lambda args: run_and_domain(args)[1])},
     'waam_shop': {'places': places()},
 }
@@ -70,7 +72,9 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     calibrate.register(commands)
-    importlib.import_module('waam_plan.cli').register(commands, _draw_plan, _check_robot)
+    cli_cell.register(commands)
+    cli_ports.register(commands)
+    importlib.import_module('waam_plan.cli').register(commands, _draw_plan, _check_robot, reach)
     for package in PACKAGES:
         importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))
     register_completion(commands, parser)

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from .graph import Settings
 
 UP: Options = (
-    ('--port', '', 'serial port of a real controller; without it the cell is simulated'),
+    ('--port', '', 'serial port of a real controller (default: link.port of the cell file); without it the cell is '
+     'simulated'),
+    ('--simulated', False, 'no machine, whatever the cell file says: its axes, limits and work zero, simulated'),
     ('--pyrometer', '', "what measures the part's temperature on a real cell: 0-10V, 4-20mA or thermocouple at the "
      'controller, or serial:PORT, modbus:PORT, modbus:HOST:PORT, topic:NAME beside it', 'SOURCE'),
     ('--machine', GANTRY, 'what moves the torch: the gantry (default), or a six-axis arm before a positioner, whose '
@@ -55,6 +57,9 @@ def register(commands: Verbs) -> None:
     p = add_verb(
         commands, 'up', 'start the graph and return when every node answers', *UP, *SIMULATED
     )
+    p.add_argument(
+        '--settings-are-whole', action='store_true', help=argparse.SUPPRESS
+    )  # nothing is read besides
     p.set_defaults(run_command=_up)
     add_run(p, '--name')
     text = 'stop the graph; a running job is aborted with a safe end of the arc'
@@ -117,6 +122,8 @@ def _up(args: argparse.Namespace) -> int:
 
     run, domain = run_and_domain(args)
     settings = settings_of(args, run)
+    if not args.settings_are_whole:
+        settings = _with_cell(settings, args)
     if args.foreground:
         return supervisor.run(settings, domain)
     state = up(settings, domain)
@@ -129,6 +136,17 @@ def _up(args: argparse.Namespace) -> int:
     if state.web_url:
         print(f'dashboard: {state.web_url}')
     return 0
+
+
+def _with_cell(settings: Settings, args: argparse.Namespace) -> Settings:
+    """With the cell file; prints what it adds. ValueError for --simulated with a port, and for a wrong file."""
+    from .cell_graph import apply
+
+    if args.simulated and args.port:
+        raise ValueError('--simulated and --port contradict each other')
+    applied = apply(settings, args.simulated)
+    print('\n'.join(applied.said))
+    return applied.settings
 
 
 def _with_arm(settings: Settings, urdf: Path) -> Settings:

@@ -53,7 +53,7 @@ RUN: Options = (
     ('--repair', False, 'close holes of the mesh, remove double faces, turn normals outwards'),
     ('--set', [], 'setting of the planner in SI, as of waam plan --set (adaptive levels, leads, edges, overhang ...)',
      'NAME=VALUE'),
-    ('--material', DEFAULT_MATERIAL, 'key of the material table (default %(default)s)'),
+    ('--material', '', f'key of the material table (default: that of the cell file, else {DEFAULT_MATERIAL})'),
     ('--layer-height', 0.0, 'default: that of the material', 'MM'),
     ('--bead-width', 0.0, 'default: that of the material', 'MM'),
     ('--k-gain', math.nan, f'authority of the speed correction, 0..{K_GAIN_MAX:g}'),

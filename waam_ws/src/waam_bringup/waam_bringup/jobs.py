@@ -18,6 +18,7 @@ from waam_node import job_folder
 from waam_process.operating import SPEED_FACTOR, WIRE_FACTOR, build_plate
 
 from . import calibrate
+from .cell_desk import material
 from .cli_common import run_and_domain
 from .client import ClientError, GraphClient
 from .operate import ended, graph_watch, require_up
@@ -45,7 +46,7 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
     """Fields of the goal that the command line gives, in SI; named as in RunJob.Goal and in JobGoal."""
     return {
         'name': args.name,
-        'material': args.material,
+        'material': material(args.material),
         'layers': args.layers,
         'layer_height': args.layer_height * 1e-3,
         'bead_width': args.bead_width * 1e-3,

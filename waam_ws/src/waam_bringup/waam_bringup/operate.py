@@ -185,7 +185,7 @@ def graph_watch(run: Path) -> Callable[[], str]:
 def arguments(settings: Settings, domain: int) -> list[str]:
     """Of `waam up`, for a graph with these settings."""
     same = ('seed', 'rate', 'grpc_port', 'web_port', 'hang_timeout', 'machine', 'port', 'preset')
-    args = ['--run', str(settings.run), '--domain', str(domain)]
+    args = ['--settings-are-whole', '--run', str(settings.run), '--domain', str(domain)]
     for name in same:
         args += [f'--{name.replace("_", "-")}', str(getattr(settings, name))]
     args += ['--panel-port', str(settings.panel_port or free_port())]

@@ -49,6 +49,11 @@ def calibrations_dir() -> Path:
     return _of_cell(Path(os.environ.get('WAAM_CALIBRATIONS', root() / 'calibrations')).resolve())
 
 
+def cells_dir() -> Path:
+    """Folder of the cell files of the user: WAAM_CELLS, or `cells` in the working tree."""
+    return Path(os.environ.get('WAAM_CELLS', root() / 'cells')).resolve()
+
+
 def run_dir() -> Path:
     """Folder of the running graph: sockets, logs, state. One graph per folder."""
     default = jobs_dir() / '.run'

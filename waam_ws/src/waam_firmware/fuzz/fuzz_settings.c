@@ -69,10 +69,12 @@ static void require_settings(void)
     }
     for (int i = 0; i < WAAM_AXES; i++) {
         double accel = c->accel_mm_s2[i];
-        require_range(accel, 50.0, 500.0, "max_accel");
+        require_range(accel, 50.0, 5000.0, "max_accel");
         REQUIRE(round(accel * 1e3) / 1e3 == accel, "max_accel in thousandths");
         REQUIRE(accel == bench.core.kinematics.accel_mm_s2[i], "in force");
-        REQUIRE(c->accel_most_mm_s2[i] == bench.config.accel_most_mm_s2[i], "the machine stays what it is");
+        REQUIRE(i == 2 ? c->accel_most_mm_s2[i] == bench.config.accel_most_mm_s2[i] : accel <= c->accel_most_mm_s2[i],
+                "no more than the machine has");
+        require_range(c->accel_most_mm_s2[i], 50.0, 5000.0, "accel_limit");
     }
     for (int i = 0; i < WAAM_AXES; i++) {
         REQUIRE(c->limit_min_mm[i] == 0.0, "the envelope begins at 0");
@@ -81,6 +83,8 @@ static void require_settings(void)
         REQUIRE(c->max_speed_mm_s[i] == bench.core.kinematics.max_speed_mm_s[i], "in force");
         REQUIRE(abs(c->home_direction[i]) == 1 && (i < 2 || c->home_direction[i] == 1), "home_direction");
     }
+    require_range(c->home_seek_mm_s, 5.0, 100.0, "home_seek_speed");
+    require_range(c->home_latch_mm_s, 0.5, 5.0, "home_latch_speed");
     require_range(c->rapid_mm_s, 10.0, 500.0, "rapid_speed");
     REQUIRE(c->temperature.input <= WAAM_TEMPERATURE_AMPLIFIER, "temperature_input");
     require_range(c->temperature.low_c, -273.0, 3000.0, "temperature_low_c");

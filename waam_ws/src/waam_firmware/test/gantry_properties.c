@@ -1,4 +1,4 @@
-/* Random gantries through the whole controller: whatever `$C` takes of envelope, speeds, acceleration of Z and homing, the
+/* Random gantries through the whole controller: whatever `$C` takes of envelope, speeds, accelerations and homing, the
  * machine homes, stays within the envelope, keeps every speed, and refuses the first hundredth of a mm beyond it; what `$C`
  * refuses changes nothing. A failed property prints the program's number. */
 #include <math.h>
@@ -67,7 +67,7 @@ static bool set(const waam_setting_t *setting, double value)
     snprintf(text, sizeof text, "$C %s %.3f", setting->name, value);
     feed(text);
     double now = waam_setting_get(setting, &core->config), was = waam_setting_get(setting, &before);
-    bool taken = fabs(now - value) < 6e-4, moves_home = setting->name[0] == 'e' || setting->name[0] == 'h';
+    bool taken = fabs(now - value) < 6e-4, moves_home = setting->name[0] == 'e' || !strncmp(setting->name, "home_d", 6);
     require(taken || !memcmp(&before, &core->config, sizeof before), "what is refused changes nothing", value, now);
     require(core->homed == (homed && (now == was || !moves_home)), "homing", core->homed, homed);
     return taken;

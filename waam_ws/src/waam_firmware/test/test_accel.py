@@ -66,7 +66,7 @@ def test_the_longest_answers_fit_into_a_line():
         ('max_accel_y 900000000', 'E105 max_accel_y: the machine has at most 500 mm/s^2'),
         ('max_accel_x', 'E107 a number is missing or malformed'),
         ('accel_limit_z 200', 'E103 no setting has this name'),
-        ('accel_limit_x 600', 'E103 no setting has this name'),
+        ('accel_limit_x 6000', 'E104 accel_limit_x must lie within 50 .. 5000'),
     ],
 )
 def test_what_is_absurd_is_refused_and_changes_nothing(setting, text):

@@ -122,6 +122,30 @@ def test_a_cell_file_changes_the_physics(parts, tmp_path):
     )
 
 
+def test_the_file_of_a_cell_says_machine_and_wire(parts, tmp_path):
+    import argparse
+
+    from waam_lab import cli, cli_campaign
+
+    told = {
+        'bridge': {'envelope_x': 2.0, 'max_speed_x': 0.1},
+        'cell': {'work_zero': [1.0, 0.1, 0.02]},
+    }
+    parser = argparse.ArgumentParser()
+    cli.register(parser.add_subparsers(), lambda name: (told, '316l', f'cells/{name}.yaml'))
+    words = ['lab', *map(str, (parts[0], '--as-found', parts[1])), '--cell', 'big']
+
+    def job(*more):
+        return cli_campaign.job_of(parser.parse_args([*words, *more]), tmp_path)[0]
+
+    made = job('--set', 'bridge.max_speed_x=0.15', '--set', 'cell.metal_transfer=0.9')
+    assert made.goal.material == '316l' and job('--material', 'er4043').goal.material == 'er4043'
+    assert made.overrides['bridge'] == {'envelope_x': 2.0, 'max_speed_x': 0.15}
+    assert made.overrides['cell'] == {'work_zero': [1.0, 0.1, 0.02], 'metal_transfer': 0.9}
+    with pytest.raises(ValueError, match='--cell is the file of a gantry'):
+        job('--machine', 'robot')
+
+
 def test_ctrl_c_ends_everything(parts, tmp_path):
     command = [
         *WAAM,

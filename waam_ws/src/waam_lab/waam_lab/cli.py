@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
 from waam_node import spread
@@ -40,8 +42,12 @@ exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended wit
 """
 
 
-def register(commands: argparse._SubParsersAction) -> None:
-    """Adds the verb `lab`."""
+def register(
+    commands: argparse._SubParsersAction,
+    of_cell: Callable[[str], tuple[dict[str, dict[str, Any]], str, str]] | None = None,
+) -> None:
+    """Adds the verb `lab`. of_cell: of a cell ('' = the one that is meant) parameters by node, wire and name of its
+    file, by that file; ({}, '', '') where there is none. It raises ValueError."""
     p = commands.add_parser(
         'lab',
         help='predict what will come out: the whole job on many simulated cells, in seconds',
@@ -52,7 +58,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     _add_part(p)
     _add_process(p)
     _add_campaign(p)
-    p.set_defaults(run_command=_run)
+    p.set_defaults(run_command=_run, of_cell=of_cell)
     cli_fit.register(commands)
     _add_process(cli_forecast.register(commands, _add_part))
 
@@ -64,7 +70,11 @@ def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
     )
-    p.add_argument('--material', default=DEFAULT_MATERIAL, help='key of the material table')
+    p.add_argument(
+        '--material',
+        default='',
+        help=f'key of the material table (default: that of the cell file, else {DEFAULT_MATERIAL})',
+    )
     p.add_argument('--scale', type=float, default=1e-3, help='metres per unit of both files')
     p.add_argument('--repair', action='store_true', help='close holes of the mesh')
     p.add_argument('--finish', choices=FINISHES, help=FINISH_HELP)
@@ -98,7 +108,15 @@ def _add_process(p: argparse.ArgumentParser) -> None:
         help='start with what jobs have taught, as in jobs/learned; nothing is added. Cell: '
         "'simulated', or --set job_sequencer.cell=NAME",
     )
-    p.add_argument('--cell-file', type=Path, help='parameters of the simulated cell (YAML)')
+    p.add_argument(
+        '--cell',
+        metavar='NAME',
+        help='cell whose file (waam cell) says axes, limits and work zero of the simulated machine, and the wire '
+        '(default: $WAAM_CELL, or cell, where it has a file); --cell-file and --set win',
+    )
+    p.add_argument(
+        '--cell-file', type=Path, help='physics of the simulated cell: its parameters (YAML)'
+    )
     p.add_argument(
         '--preset',
         choices=PRESETS,

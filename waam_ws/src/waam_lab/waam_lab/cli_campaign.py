@@ -19,7 +19,7 @@ from waam_job.cli_program import asked_of, with_finish
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
-from waam_process.operating import ROBOT
+from waam_process.operating import DEFAULT_MATERIAL, ROBOT
 
 from . import params, report
 from .advance import JobAdvance
@@ -73,16 +73,33 @@ def settings_of(
     return wanted, plan
 
 
+def _with_cell(
+    args: argparse.Namespace, overrides: params.Overrides
+) -> tuple[params.Overrides, str]:
+    """With what the cell file says, before all others; and the wire, '' = it is not said. ValueError for a robot, of
+    which a cell file says nothing."""
+    if args.of_cell is None or (args.machine == ROBOT and not args.cell):
+        return overrides, ''
+    if args.machine == ROBOT:
+        raise ValueError('--cell is the file of a gantry: not with --machine robot')
+    told, wire, name = args.of_cell(args.cell or '')
+    if name:
+        print(f'cell file: {name}')
+    nodes = (*told, *(n for n in overrides if n not in told))
+    return {n: {**told.get(n, {}), **overrides.get(n, {})} for n in nodes}, wire
+
+
 def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]]:
     """The job of the command line, checked as far as possible before it runs, and what of the worn part's file was left
     out or assumed. Raises ValueError."""
     overrides, plan = settings_of(args.set, args.cell_file)
+    overrides, wire = _with_cell(args, overrides)
     if args.urdf is not None:
         if args.machine != ROBOT:
             raise ValueError('--urdf belongs to --machine robot')
         overrides = urdf_settings.settings(args.urdf, overrides)
     goal = JobGoal(
-        material=args.material,
+        material=args.material or wire or DEFAULT_MATERIAL,
         jobs_dir=(out / 'jobs').resolve(),
         layers=args.layers,
         layer_height=args.layer_height * 1e-3,

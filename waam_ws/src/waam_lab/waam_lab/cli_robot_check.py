@@ -104,7 +104,7 @@ def _write(
     (out / PARAMETERS).write_text(text)
     (out / CELL).write_text(yaml.safe_dump(_cell(turning, robot, zero)))
     print(f'robot: {out / PARAMETERS} has it for `waam up --machine robot --params-file`')
-    print(f'robot: {out / CELL} has it for `waam plan --post fanuc | kuka | abb --cell`')
+    print(f'robot: {out / CELL} has it for `waam plan --post fanuc | kuka | abb --robot-cell`')
 
 
 def _cell(

@@ -16,7 +16,7 @@ from waam_bridge.core import Bridge
 from waam_bridge.embedded import Controller
 from waam_bridge.frames import Telemetry
 from waam_bridge.outbox import Outbox
-from waam_bridge.params import BridgeParams
+from waam_bridge.params import BridgeParams, CommonParams
 from waam_process.plant_port import SAMPLE
 from waam_robot_bridge.controller import RobotController
 from waam_sim.plant import Plant, Profiles
@@ -33,7 +33,7 @@ class Machine:
     """`advance` lets time pass. Results go to the listeners: on_frame(Telemetry), on_outbox(Outbox),
     on_temperature(time_us, degC), on_profiles(Profiles), on_exchange(samples (n,) of SAMPLE, Plant)."""
 
-    def __init__(self, params: BridgeParams, plant: Plant) -> None:
+    def __init__(self, params: CommonParams, plant: Plant) -> None:
         self.bridge, self.plant = Bridge(params), plant
         self.controller = self._make_controller()
         self.time_us = EPOCH_US
@@ -50,6 +50,7 @@ class Machine:
     def _make_controller(self) -> Controller | RobotController:
         """The gantry takes the steps per mm that the parameters say, else the controller's own."""
         p = self.bridge.params
+        assert isinstance(p, BridgeParams)  # of a robot: RobotMachine
         steps = (p.steps_per_mm_x, p.steps_per_mm_y, p.steps_per_mm_z)
         controller = Controller(EPOCH_US)
         controller.machine_steps([STEPS_PER_MM if math.isnan(v) else v for v in steps])

@@ -68,6 +68,11 @@ def resume(run: int) -> str:
     return f'resume_{run}.yaml'
 
 
+def cell(run: int = 1) -> str:
+    """The cell file as it was when a run started: cell.yaml, cell_2.yaml ..."""
+    return _numbered('cell', run, '.yaml')
+
+
 def map_after(layer: int) -> str:
     """Surface after layer `layer`, 0 = as found: layers/scan_000.npz ..."""
     return f'{MAPS}/scan_{layer:03d}.npz'

@@ -58,21 +58,56 @@ def test_fanuc_files_are_written_and_their_saving_told(box_file, tmp_path, capsy
     assert re.search(r'\d+ points instead of \d+, \d+% saved', capsys.readouterr().out)
 
 
+def test_the_reach_is_that_of_the_cell_file_or_said_to_be_assumed(box_file, capsys):
+    part = box_file((40, 30, 8))
+    asked = []
+
+    def reach(name, build):
+        asked.append((name, build))
+        return {'machine_min': (0.0, 0.0, 0.0), 'machine_max': (0.03, 0.5, 0.5)}, 'cells/small.yaml'
+
+    def plan(*words, of_cell=None):
+        args = parse(part, '--layers', 1, *words)
+        args.cell_reach = of_cell
+        return args.run_command(args), capsys.readouterr()
+
+    status, told = plan()
+    assert status == 0 and 'machine: 400 x 300 x 200 mm' in told.out and 'assumed' in told.out
+    status, told = plan('--cell', 'small', of_cell=reach)
+    assert status == 2 and 'machine: 30 x 500 x 500 mm, work zero at' in told.out
+    assert 'cells/small.yaml' in told.out and 'outside the machine' in told.err
+    assert asked == [('small', True)]
+    plan('--machine', 'robot', of_cell=reach)
+    assert len(asked) == 1, 'a robot has a box of its own'
+
+
 def test_programs_for_robots_are_written(box_file, tmp_path):
     out, cell = tmp_path / 'out', tmp_path / 'cell.yaml'
     cell.write_text('origin: [-0.015, -0.01, 0.0]\nfanuc: {lead: 0.2}\n')
-    words = ('--layers', 1, '--post', 'kuka', '--out', out, '--cell', cell, '--positioner', 'turn')
+    words = (
+        '--layers',
+        1,
+        '--post',
+        'kuka',
+        '--out',
+        out,
+        '--robot-cell',
+        cell,
+        '--positioner',
+        'turn',
+    )
     assert waam(box_file((30, 20, 6)), *words, '--corner', 0.05) == 0
     assert {p.name for p in out.glob('WAAM*')} == {'WAAM.src', 'WAAM001.src', 'WAAM001.dat'}
 
 
+@pytest.mark.parametrize('option', ['--robot-cell', '--cell'])  # the second is its old name
 @pytest.mark.parametrize(
     'text, told', [('corner: 9', 'cell.yaml: corner is 9'), ('a: [', 'cell.yaml: no YAML')]
 )
-def test_a_bad_cell_file_is_told(text, told, box_file, tmp_path, capsys):
+def test_a_bad_cell_file_is_told(text, told, option, box_file, tmp_path, capsys):
     cell = tmp_path / 'cell.yaml'
     cell.write_text(text)
-    words = ('--layers', 1, '--post', 'abb', '--out', tmp_path / 'out', '--cell', cell)
+    words = ('--layers', 1, '--post', 'abb', '--out', tmp_path / 'out', option, cell)
     assert waam(box_file((30, 20, 6)), *words) == 2
     assert told in capsys.readouterr().err
 

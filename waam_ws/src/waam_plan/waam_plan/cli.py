@@ -79,9 +79,11 @@ def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     write_recording: Callable[[Path, Path], None] | None = None,
     check_robot: Callable[[Plan, Path | None, bool, Path | None, list[Path]], None] | None = None,
+    cell_reach: Callable[[str, bool], tuple[dict[str, Any], str]] | None = None,
 ) -> None:
     # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
     # check_robot(plan, urdf, turning, out, params_files): of --machine robot, prints, raises ValueError
+    # cell_reach(cell or '', build): settings by the cell file and its name, ({}, '') without one; raises ValueError
     """Adds the verbs to argparse sub-parsers."""
     cli_correct.register(commands)
     p = commands.add_parser(
@@ -95,7 +97,12 @@ def register(
     _add_inputs(p)
     _add_layers(p)
     _add_outputs(p)
-    p.set_defaults(run_command=run, write_recording=write_recording, check_robot=check_robot)
+    p.set_defaults(
+        run_command=run,
+        write_recording=write_recording,
+        check_robot=check_robot,
+        cell_reach=cell_reach,
+    )
 
 
 def _add_inputs(p: argparse.ArgumentParser) -> None:
@@ -259,9 +266,9 @@ def _check_robot(plan: Plan, args: argparse.Namespace) -> None:
     if args.check_robot is None:
         raise ValueError('--machine robot needs the robot bridge: call it as `waam plan`')
     args.check_robot(plan, args.urdf, args.turning, args.out, args.params_file)
-    if args.turning and args.post in cli_robot.POSTS and not args.cell:
+    if args.turning and args.post in cli_robot.POSTS and not args.robot_cell:
         print(
-            'warning: the program does not turn the part: write it again with --cell and this cell.yaml'
+            'warning: the program does not turn the part: write it again with --robot-cell and this cell.yaml'
         )
 
 
@@ -354,4 +361,30 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
     }
     given |= assigned(args.set)
     usual = {'bead_width': bead_width(PlanSettings.bead_width, str(given.get('finish', '')))}
-    return PlanSettings(**cli_robot.box(args) | usual | given)
+    settings = PlanSettings(**cli_robot.box(args) | _of_cell(args) | usual | given)
+    if args.machine == GANTRY and 'machine_max' not in given:
+        print(_reach(settings, args))
+    return settings
+
+
+def _of_cell(args: argparse.Namespace) -> dict[str, Any]:
+    """Settings by the cell file of a gantry; keeps its name in args.reach_of."""
+    args.reach_of = ''
+    if args.cell_reach is None or args.machine != GANTRY:
+        return {}
+    from waam_plan.mesh.clouds import is_cloud
+
+    restores = args.mode == 'restore' or (args.mode is None and bool(args.as_found))
+    found, args.reach_of = args.cell_reach(
+        args.cell or '', not restores and not is_cloud(args.part)
+    )
+    return found
+
+
+def _reach(settings: PlanSettings, args: argparse.Namespace) -> str:
+    """The machine that the plan is for, and who says so."""
+    pairs = zip(settings.machine_min, settings.machine_max, strict=True)
+    size = ' x '.join(f'{(high - low) * 1e3:g}' for low, high in pairs)
+    zero = ', '.join(f'{-v * 1e3:g}' for v in settings.machine_min)
+    who = args.reach_of or 'assumed, there is no cell file (waam cell new)'
+    return f'machine: {size} mm, work zero at {zero} mm: {who}'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,6 +27,29 @@ class Writer(Protocol):
     ) -> dict[str, str]: ...
 
 
+CELL_HELP = (
+    'of a gantry: its cell file says how far it reaches and where the work zero is (default: '
+    '$WAAM_CELL, or cell)'
+)
+
+
+class _Cell(argparse.Action):
+    """--cell NAME; a file is that of a robot program, as this option once was."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        if '.' not in values and '/' not in values:
+            namespace.cell = values
+            return
+        print(f'{option_string} FILE is now called --robot-cell', file=sys.stderr)
+        namespace.robot_cell = Path(values)
+
+
 def add_robot(p: argparse.ArgumentParser) -> None:
     """Options that belong to a robot and its program."""
     p.add_argument(
@@ -46,7 +70,7 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         action='store_true',
         help='of --machine robot: choose how the positioner turns the part while the torch goes, so that the arm stays '
         'away from its limits; with --out also robot.yaml for `waam up --machine robot --params-file`, and cell.yaml '
-        'for programs (--post, --cell)',
+        'for programs (--post, --robot-cell)',
     )
     p.add_argument(
         '--params-file',
@@ -62,11 +86,12 @@ def add_robot(p: argparse.ArgumentParser) -> None:
         action='store_true',
         help='of --tilt: the part is held by a clamp at the work zero, over level ground, not on the faceplate',
     )
+    p.add_argument('--cell', action=_Cell, metavar='NAME', help=CELL_HELP)
     p.add_argument(
-        '--cell',
+        '--robot-cell',
         type=Path,
         metavar='YAML',
-        help='of a robot: positioner, frames, outputs, arc data (fields in waam_plan/README.md)',
+        help='of a robot program: positioner, frames, outputs, arc data (fields in waam_plan/README.md)',
     )
     p.add_argument(
         '--positioner',
@@ -87,9 +112,9 @@ def check_arm(args: argparse.Namespace) -> None:
     for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
-    wanted = [n for n in ('cell', 'positioner', 'corner') if getattr(args, n) is not None]
+    wanted = [n for n in ('robot_cell', 'positioner', 'corner') if getattr(args, n) is not None]
     if args.post not in POSTS and wanted:
-        raise ValueError(f'--{wanted[0]} belongs to --post {" | ".join(POSTS)}')
+        raise ValueError(f'--{wanted[0].replace("_", "-")} belongs to --post {" | ".join(POSTS)}')
     if args.post in POSTS and not args.out:
         raise ValueError(f'--post {args.post} needs --out DIR: without it no program is written')
     if args.turning and (args.urdf or args.tilt):
@@ -175,14 +200,16 @@ def load_cell(args: argparse.Namespace) -> RobotCell:
     from waam_plan.robot.motion import RobotProgramError
 
     cell = RobotCell()
-    if args.cell:
+    if args.robot_cell:
         import yaml
 
         try:
-            data = yaml.safe_load(args.cell.read_bytes()[:MAX_BYTES])
+            data = yaml.safe_load(args.robot_cell.read_bytes()[:MAX_BYTES])
         except yaml.YAMLError as e:
-            raise RobotProgramError(f'{args.cell}: no YAML ({" ".join(str(e).split())})') from None
-        cell = cell_of(data, str(args.cell))
+            raise RobotProgramError(
+                f'{args.robot_cell}: no YAML ({" ".join(str(e).split())})'
+            ) from None
+        cell = cell_of(data, str(args.robot_cell))
     if args.positioner:
         cell = replace(cell, positioner=args.positioner)
     if args.corner is not None:

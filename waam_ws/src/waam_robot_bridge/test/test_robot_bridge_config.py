@@ -101,5 +101,7 @@ def test_the_arm_of_a_urdf_is_taken(tmp_path):
 
 
 def test_a_robot_has_no_gantry():
-    with pytest.raises(ParameterError, match="'envelope_x' is of a gantry; a robot has work_low"):
-        from_dict(RobotParams, {'envelope_x': 1.0})
+    """The gantry's settings and the board's inputs are no parameters of its bridge."""
+    for name in ('envelope_x', 'steps_per_mm_z', 'home_direction_x', 'temperature_input'):
+        with pytest.raises(ParameterError, match=f"unknown parameter '{name}'"):
+            from_dict(RobotParams, {name: 1.0})

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_bridge.gantry import wanted
-from waam_bridge.params import BridgeParams
+from waam_bridge.params import CommonParams
 from waam_bridge.program import Limits as Box
 from waam_node.params import ParameterError, param
 from waam_robot.positioner import Positioner
@@ -34,7 +33,7 @@ def turning_of(values: Sequence[float]) -> Turning:
 
 
 @dataclass(frozen=True)
-class RobotParams(BridgeParams):
+class RobotParams(CommonParams):
     """Defaults fit the simulated robot cell. `baud` and `window` mean nothing here: there is no cable."""
 
     port: str = param('robot', 'what machine_state shows as its port')
@@ -109,9 +108,6 @@ class RobotParams(BridgeParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if given := wanted(self):
-            text = f"parameter '{next(iter(given))}' is of a gantry; a robot has work_low and work_high"
-            raise ParameterError(text)
         joints = len(self.joint_names) if self.urdf else JOINTS
         for name, count in (
             ('positioner', 3), ('origin', 3), ('turning', 3), ('work_low', 3), ('work_high', 3),

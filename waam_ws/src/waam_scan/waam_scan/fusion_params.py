@@ -37,6 +37,8 @@ class FusionParams:
     points_period: float = param(
         0.0, 'time between the rows of a cloud on points; 0 = one profile per cloud', 's', 0.0, 10.0
     )
+    points_topic: str = param('points', 'of a driver that publishes PointCloud2')
+    scan_topic: str = param('scan', 'of a driver that publishes LaserScan')
     scanner_frame: str = param('scanner', 'frame_id of points and scan; others are refused')
     max_waiting: int = param(2000, 'profiles that may wait for telemetry', '', 10, 1_000_000)
     height_min: float = param(-0.05, 'points below are outside (work frame)', 'm', -1.0, 1.0)

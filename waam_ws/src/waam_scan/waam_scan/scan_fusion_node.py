@@ -75,8 +75,8 @@ class ScanFusion(WaamNode):
         self.create_subscription(JobStatus, 'job_status', self._on_job, LATCHED)
         # batches are taken as they come over the wire: a message object would be two more copies of a megabyte
         subscribe_to_driver(self, ProfileBatch, 'profiles', self._on_profiles, PROFILES.depth, True)
-        subscribe_to_driver(self, PointCloud2, 'points', self._on_points, SENSOR.depth)
-        subscribe_to_driver(self, LaserScan, 'scan', self._on_scan, SENSOR.depth)
+        subscribe_to_driver(self, PointCloud2, p.points_topic, self._on_points, SENSOR.depth)
+        subscribe_to_driver(self, LaserScan, p.scan_topic, self._on_scan, SENSOR.depth)
         self._drivers = 0  # messages of drivers: they carry no number; what is lost shows as a pause between stamps
         for kind, name, work in (
             (BeginScan, '~/begin', self._begin),
@@ -127,10 +127,10 @@ class ScanFusion(WaamNode):
     def _on_points(self, msg: PointCloud2) -> None:
         p = self.params
         period = round(p.points_period * 1e9)
-        self._on_driver('points', msg, lambda: block_from_cloud(msg, p.points_down, period))
+        self._on_driver(p.points_topic, msg, lambda: block_from_cloud(msg, p.points_down, period))
 
     def _on_scan(self, msg: LaserScan) -> None:
-        self._on_driver('scan', msg, lambda: block_from_scan(msg))
+        self._on_driver(self.params.scan_topic, msg, lambda: block_from_scan(msg))
 
     def _on_driver(self, topic: str, msg: Any, make: Callable[[], ProfileBlock]) -> None:
         number, frame, wanted = self._drivers, msg.header.frame_id, self.params.scanner_frame

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "waam_accel.h"
 #include "waam_internal.h"
 #include "waam_scale.h"
 
@@ -9,6 +10,8 @@
 #define EXTENT(name, axis) \
     PLACE(name, WAAM_ENVELOPE_LEAST, WAAM_ENVELOPE_MOST, WAAM_SETTING_DOUBLE, limit_max_mm[axis])
 #define SPEED(name, field) PLACE(name, WAAM_SPEED_LEAST, WAAM_SPEED_MOST, WAAM_SETTING_DOUBLE, field)
+#define LIMIT(name, axis) \
+    PLACE(name, WAAM_ACCEL_LEAST, WAAM_ACCEL_HIGHEST, WAAM_SETTING_DOUBLE, accel_most_mm_s2[axis])
 #define HOMING(name, axis) PLACE(name, -1, 1, WAAM_SETTING_SIGN, home_direction[axis])
 
 const waam_setting_t waam_gantry_settings[] = {
@@ -19,7 +22,11 @@ const waam_setting_t waam_gantry_settings[] = {
     SPEED("max_speed_y", max_speed_mm_s[1]),
     SPEED("max_speed_z", max_speed_mm_s[2]),
     SPEED("rapid_speed", rapid_mm_s),
-    PLACE("max_accel_z", 50, 500, WAAM_SETTING_DOUBLE, accel_mm_s2[2]),
+    PLACE("max_accel_z", WAAM_ACCEL_LEAST, WAAM_ACCEL_HIGHEST, WAAM_SETTING_DOUBLE, accel_mm_s2[2]),
+    LIMIT("accel_limit_x", 0),
+    LIMIT("accel_limit_y", 1),
+    PLACE("home_seek_speed", 5, 100, WAAM_SETTING_DOUBLE, home_seek_mm_s),
+    PLACE("home_latch_speed", 0.5, 5, WAAM_SETTING_DOUBLE, home_latch_mm_s),
     HOMING("home_direction_x", 0),
     HOMING("home_direction_y", 1),
 };
@@ -66,6 +73,8 @@ bool waam_core_set_gantry(waam_core_t *core, const waam_setting_t *setting, doub
     }
     if (core->armed ? waam_fail(error, WAAM_E_NOT_NOW, 1, "the gantry's settings only while no job is armed")
                     : steps_follow(c, setting, error)) {
+        for (int i = 0; i < WAAM_SHAPED_AXES; i++)
+            c->accel_mm_s2[i] = fmin(c->accel_mm_s2[i], c->accel_most_mm_s2[i]);
         core->homed = core->plan_homed = core->homed && !moves_home(setting);
         core->kinematics = waam_kinematics(c);
         return true;

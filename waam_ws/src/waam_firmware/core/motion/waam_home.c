@@ -26,10 +26,13 @@ static void move(waam_home_t *home, int32_t *steps, double target_mm_s, const wa
     *steps += whole;
 }
 
-/* A lower acceleration brakes in no longer way: behind the home switch comes the limit switch. */
+#define BRAKE_MM 3.0 /* behind the home switch comes the limit switch */
+
+/* A lower acceleration brakes in no longer way, nor does a higher speed of homing. */
 static double seek_mm_s(const waam_config_t *config, int axis)
 {
     double most = fmin(config->home_seek_mm_s, config->max_speed_mm_s[axis]);
+    most = fmin(most, sqrt(2.0 * config->accel_most_mm_s2[axis] * BRAKE_MM));
     return most * sqrt(fmin(1.0, config->accel_mm_s2[axis] / config->accel_most_mm_s2[axis]));
 }
 
@@ -78,7 +81,7 @@ waam_home_result_t waam_home_tick(waam_home_t *home, waam_motion_t *motion, cons
         return WAAM_HOME_BUSY;
     case WAAM_HOME_BACK_OFF: {
         bool far = home->travelled_mm >= config->home_backoff_mm && !pressed;
-        move(home, steps, far ? 0.0 : -towards * 0.25 * config->home_seek_mm_s, config, dt_s);
+        move(home, steps, far ? 0.0 : -towards * 0.25 * seek_mm_s(config, axis), config, dt_s);
         if (far && home->speed_mm_s == 0.0)
             enter(home, WAAM_HOME_LATCH);
         return home->travelled_mm > 10.0 * config->home_backoff_mm + 10.0 ? WAAM_HOME_FAILED : WAAM_HOME_BUSY;

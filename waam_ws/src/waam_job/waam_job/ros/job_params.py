@@ -28,6 +28,11 @@ class JobParams:
         '',
         'name of the cell among several (waam up --name), kept with every job; empty = the first one',
     )
+    cell_file: str = param(
+        '',
+        'file of the cell, which the machine must be like when a job starts and of which the job keeps a copy '
+        '(waam up fills it in); empty = none',
+    )
     work_offset: tuple = param((0.100, 0.080, 0.020), 'work zero (G54) in machine coordinates', 'm')
     plate_zero: tuple = param(
         PLATE_ZERO,
@@ -82,7 +87,7 @@ class JobParams:
 
 
 SAME = (
-    'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
+    'cell_file', 'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
     'cold_metal', 'restart_metal', 'allow_unbelieved_temperature', 'share_in_tolerance',
 )  # fmt: skip
 

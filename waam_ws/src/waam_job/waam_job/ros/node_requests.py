@@ -20,6 +20,7 @@ from ..model.goal import Checked, Code, JobError, JobGoal, check
 from ..model.limits import K_GAIN_MAX
 from ..model.records import State, Status
 from ..run.control import Control
+from ..store.cell_file import keep as keep_cell
 from ..store.folder import JobFolder
 from ..store.program import keep_program
 from ..store.provenance import provenance
@@ -84,6 +85,8 @@ def new_folder(goal: JobGoal, checked: Checked, kept: dict) -> JobFolder:
     folder = JobFolder.create(goal.jobs_dir.resolve(), goal.title)
     asked = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(goal).items()}
     facts = {'job_id': folder.job_id, 'goal': asked, 'material': asdict(checked.material), **kept}
+    if file := kept.get('parameters', {}).get('cell_file'):
+        facts['cell'] = keep_cell(folder, file)
     made = provenance(checked.part_sha256, keep_program(goal, folder))
     folder.write_yaml(job_folder.JOB, {**facts, **made})
     return folder
@@ -93,6 +96,8 @@ def keep_resume(folder: JobFolder, goal: JobGoal, checked: Checked, kept: dict) 
     """Records who resumes the job, and with what. Returns the number of the run."""
     run = folder.next_run()
     facts = {'operator_name': goal.operator_name, 'notes': list(goal.notes), **kept}
+    if file := kept.get('parameters', {}).get('cell_file'):
+        facts['cell'] = keep_cell(folder, file, run)
     made = provenance(checked.part_sha256, _program_sha256(goal))
     folder.write_yaml(job_folder.resume(run), {**facts, **made})
     return run

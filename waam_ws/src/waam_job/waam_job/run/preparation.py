@@ -84,6 +84,7 @@ class Preparation:
             said.append('the scanner has no calibration file: its age was not checked')
         if not goal.wire_left and not self.settings.simulated:
             said.append('nobody said how much wire is left: it was not checked against the plan')
+        said += readiness.as_the_file_says(self.cell, self.settings).remarks
         said += self.checked.remarks
         if self.checked.part is not None:
             report = self.checked.part.report

@@ -5,7 +5,7 @@ from __future__ import annotations
 from waam_process.names import POWER_UP
 
 from ..model.cell import Cell, Heat, Machine
-from ..store import calibration
+from ..store import calibration, cell_file
 from .settings import Settings
 
 ZERO_LIMIT = 2e-5  # m between the zero asked for and the one that the controller reports
@@ -24,7 +24,15 @@ def problems(cell: Cell, settings: Settings) -> list[str]:
     file = str(cell.parameters().get('scan_fusion', {}).get('calibration') or '')
     days, simulated = settings.calibration_max_days, settings.simulated
     found.append(calibration.problem_today(file, days, simulated))
+    found += as_the_file_says(cell, settings).refused
     return [p for p in found if p]
+
+
+def as_the_file_says(cell: Cell, settings: Settings) -> cell_file.Compared:
+    """The cell file against the parameters of the nodes and this job's own."""
+    own = {'work_offset': settings.work_offset, 'plate_zero': settings.plate_zero}
+    parameters = {**cell.parameters(), 'job_sequencer': own}
+    return cell_file.compared(settings.cell_file, parameters, settings.simulated)
 
 
 def machine_problems(machine: Machine, link_timeout: float) -> list[str]:

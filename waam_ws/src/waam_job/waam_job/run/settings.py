@@ -31,6 +31,7 @@ class Settings:
     restart_metal: float = 0.8  # share of its metal that an interrupted path gets after its restart
     calibration_max_days: float = 30.0  # 0 = any age
     simulated: bool = True  # the cell is a simulated one
+    cell_file: str = ''  # of this cell; '' = it has none
     cell: str = ''  # name under which jobs keep what they teach; '' = that of the controller
     # a real cell goes on although the pyrometer is doubted
     allow_unbelieved_temperature: bool = False
