@@ -65,7 +65,7 @@ def sinking(cell, per_layer):
 @pytest.mark.parametrize('resumed', [True, False])
 def test_the_job_pauses_with_figures_place_and_remedy(resumed, make_cell, make_runner):
     cell = make_cell()
-    sinking(cell, 0.15e-3)
+    sinking(cell, 0.8e-3)
     runner, control, _ = make_runner(cell, layer_height=1e-3, plan_settings=('finish_layers=0',))
     inner, waits = cell.wait, [0]
 
@@ -79,9 +79,9 @@ def test_the_job_pauses_with_figures_place_and_remedy(resumed, make_cell, make_r
     cell.wait = wait
     status = runner.run()
     assert status.state == (State.DONE if resumed else State.ABORTED)
-    told = [a for a in cell.anomalies if 'grows from layer to layer' in a.text]
+    told = [a for a in cell.anomalies if 'a region grows by' in a.text]
     assert told and told[0].severity == 'FAULT' and told[0].class_name == 'height'
-    assert told[0].layer <= 3 and 'mm at x' in told[0].text and 'narrower beads' in told[0].text
+    assert told[0].layer <= 2 and 'mm at x' in told[0].text and 'narrower beads' in told[0].text
     assert told[0].reaction == 'arc ended, machine held, job paused'
     assert any(s.state == State.PAUSED and 'resume or abort' in s.message for s in cell.statuses)
     if resumed:  # asked again only after as many layers more

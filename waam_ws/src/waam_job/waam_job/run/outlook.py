@@ -76,11 +76,11 @@ class Outlook:
 
     def _diverges(self, layer: PlannedLayer, error: np.ndarray, on: np.ndarray) -> str:
         thickness = float(np.median(layer.planned[layer.planned > 0]))
-        tolerance = self.context.goal.tolerance
+        tolerance, more = self.context.goal.tolerance, outlook.REGION_OVER_RMS
         if outlook.diverges(self._rms, tolerance, thickness):
             what, errors = 'the error grows', self._rms
             how = 'mm RMS'
-        elif outlook.diverges(self._worst_region, tolerance, thickness, outlook.WITHIN_REACH):
+        elif outlook.diverges(self._worst_region, tolerance * more, thickness * more):
             what, errors = 'the error of a region grows', self._worst_region
             how = f'mm over the worst {outlook.REGION:.0%} of the layer'
         else:
