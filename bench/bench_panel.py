@@ -3,7 +3,9 @@
 panel.stale_shown: fields that look present 3 s after their source died: every program of a graph is killed and
 suspended in turn while the arc burns (baseline: fields that were looked at). panel.numbers_wrong: of 200 texts typed
 into number fields, in each of three locales, those that reached the job as another number, or were taken though they
-are no number (baseline: texts typed).
+are no number (baseline: texts typed). panel.axe_violations: of WCAG 2.2 AA and of what must not be cut, on every page
+of a panel without a cell, in both themes and at three widths (baseline: pages looked at); axe-core is no dependency,
+the checks are those of waam_panel/test/page_checks.js.
 """
 
 from __future__ import annotations
@@ -286,4 +288,44 @@ def type_into(page, text: str) -> list[dict]:
     return list(page.loaded)
 
 
-FIGURES = {'panel.stale_shown': stale_shown, 'panel.numbers_wrong': numbers_wrong}
+# ---- panel.axe_violations
+
+CHECKS = Path(__file__).parents[1] / 'waam_ws' / 'src' / 'waam_panel' / 'test' / 'page_checks.js'
+SIZES = ((1366, 768), (1024, 768), (390, 844))
+
+
+def axe_violations() -> None:
+    from waam_bringup.operate import free_port
+
+    checks, found, looked = CHECKS.read_text(), 0, 0
+    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
+        port = free_port()
+        address = f'http://127.0.0.1:{port}/'
+        with NodeUnderTest('waam_panel.panel_node', f'port:={port}', f'jobs_dir:={folder}'):
+            for theme in ('light', 'dark'):
+                for width, height in SIZES:
+                    size = {'width': width, 'height': height}
+                    context = chromium.new_context(color_scheme=theme, viewport=size)
+                    page = open_page(context, address)
+                    names = page.eval_on_selector_all(
+                        'nav [data-page]', 'all => all.map((b) => b.dataset.page)'
+                    )
+                    for name in (*names, 'cells'):
+                        if name == 'cells':
+                            page.goto(f'{address}cells')
+                            page.wait_for_selector('#cards .card')
+                        else:
+                            page.click(f'nav [data-page={name}]')
+                        looked += 1
+                        for said in page.evaluate(checks):
+                            found += 1
+                            print(f'{theme} {width} {name}: {said}', file=sys.stderr)
+                    context.close()
+    emit('panel.axe_violations', found, 'violations', 'pages looked at', looked)
+
+
+FIGURES = {
+    'panel.stale_shown': stale_shown,
+    'panel.numbers_wrong': numbers_wrong,
+    'panel.axe_violations': axe_violations,
+}

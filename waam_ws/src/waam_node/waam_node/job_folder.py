@@ -25,7 +25,9 @@ TELEMETRY = 'telemetry.npz'
 TOLERANCE_MAP = 'tolerance_map.csv'
 STOCK_MAP = 'stock_map.csv'  # of a job with finish machined: what is to be machined off
 AS_LAID = 'as_laid.stl'  # its last surface
-PRICES = 'prices.yaml'  # of wire, gas, energy and machine, for the report; in the folder of the jobs
+PRICES = (
+    'prices.yaml'  # of wire, gas, energy and machine, for the report; in the folder of the jobs
+)
 MAPS = 'layers'  # folder of the surfaces
 TRACK = 'track'  # folder of the telemetry while the job runs
 VIEWER_RECORDINGS = 'job*.rrd'
