@@ -27,9 +27,10 @@ def print_status(run: Path, state: RunState, domain: int, as_json: bool, job_onl
         machine, job = client.machine, client.job
     status = 1 if state.dead_nodes else 0
     if as_json:
-        told = plain(job) and plain(job) | {'state': NAMES[job.state]}
+        told = None if job is None else plain(job) | {'state': NAMES[job.state]}
         if not job_only:
-            board = plain(machine) and plain(machine) | {'state': controller_state(machine.state)}
+            state_name = None if machine is None else {'state': controller_state(machine.state)}
+            board = state_name and plain(machine) | state_name
             told = {'run': str(run), 'graph': asdict(state), 'machine': board, 'job': told}
         print(json.dumps(told))
         return status

@@ -60,7 +60,9 @@ def register(
     _add_campaign(p)
     p.set_defaults(run_command=_run, of_cell=of_cell)
     cli_fit.register(commands)
-    _add_process(cli_forecast.register(commands, _add_part))
+    p = cli_forecast.register(commands, _add_part)
+    _add_process(p)
+    p.set_defaults(of_cell=of_cell)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
