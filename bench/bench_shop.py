@@ -2,8 +2,8 @@
 
 Finish `machined`, preset `recorded`. `shop.cleans_up_share`: share of the jobs of which 99.5 % of the needed area are
 at or above nominal; `shop.stock_mean_mm`, `shop.stock_99_mm`: what is to be machined off, mean and 99 % of what was
-laid, mean over jobs; `shop.told_share`: of the kinds that do not clean up in every job, the share of
-which the plan warns; `shop.false_alarms`: of the other kinds, the share of which it warns.
+laid, mean over jobs; `shop.plan_told_share`: of the kinds that do not clean up in every job, the share of
+which the plan warns; `shop.plan_false_alarms`: of the other kinds, the share of which it warns.
 Finish `as-laid`, tolerance 0.2 mm, preset `gentle`: `shop.in_tolerance_share`, `shop.rms_mean_mm`, `shop.rms_worst_mm`;
 on `recorded`: `shop.recorded_in_tolerance_share`, `shop.recorded_rms_mean_mm`, `shop.recorded_rms_worst_mm`. Baseline:
 the same jobs without correction (open loop). A job that fails counts as neither clean nor in tolerance, and its other
@@ -133,16 +133,16 @@ def restorations(finish: str, on: str, before: str) -> None:
         told = {k for k, r in closed if r['told']}
         good = set(kinds()) - bad
         if bad:
-            emit(f'{before}told_share', len(bad & told) / len(bad), '', 'wanted', 0.9, on)
+            emit(f'{before}plan_told_share', len(bad & told) / len(bad), '', 'wanted', 0.9, on)
         if good:
-            emit(f'{before}false_alarms', len(good & told) / len(good), '', 'wanted', 0.1, on)
+            emit(f'{before}plan_false_alarms', len(good & told) / len(good), '', 'wanted', 0.1, on)
 
 
 machined = partial(restorations, 'machined', 'recorded', 'shop.')
 gentle = partial(restorations, 'as-laid', 'gentle', 'shop.')
 recorded = partial(restorations, 'as-laid', 'recorded', 'shop.recorded_')
 FIGURES = {
-    **{f'shop.{name}': machined for name in (*OF_MACHINED, 'told_share', 'false_alarms')},
+    **{f'shop.{name}': machined for name in (*OF_MACHINED, 'plan_told_share', 'plan_false_alarms')},
     **{f'shop.{name}': gentle for name in OF_LAID},
     **{f'shop.recorded_{name}': recorded for name in OF_LAID},
 }
