@@ -6,7 +6,6 @@ import ast
 import importlib
 import importlib.util
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -123,16 +122,6 @@ def test_what_a_benchmark_imports_when_it_runs_is_there(file):
             for name in (alias.name for alias in node.names):
                 there = hasattr(module, name) or importlib.util.find_spec(f'{node.module}.{name}')
                 assert there, f'{node.module} has no {name}'
-
-
-def test_a_link_benchmark_that_fails_leaves_no_controller_behind(run):
-    run.load(BENCH)
-    link = sys.modules['bench_link']
-    with pytest.raises(ZeroDivisionError), link.controller('--rate', '0') as path:
-        port = os.readlink(path)
-        raise ZeroDivisionError
-    assert not Path(port).exists(), 'its terminal is still there'
-    assert not path.parent.exists()
 
 
 def test_figures_of_simulated_cells_name_their_preset(monkeypatch, capsys):

@@ -1,5 +1,5 @@
 /* The standoff control as a shared library, without motion, arc sequence and link: whoever calls it brings sensor, arc and
- * metal (tests, bench_standoff). One loop at a time. */
+ * metal (tests). One loop at a time. */
 #include <string.h>
 
 #include "waam_core.h"
