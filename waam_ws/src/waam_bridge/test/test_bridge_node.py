@@ -208,6 +208,6 @@ def test_only_the_standoff_parameters_may_be_changed_and_all_of_a_request_or_non
     assert get('standoff_up') == 0.005
     refused = put(standoff_up=0.003, standoff_source='laser')
     assert not refused.successful and 'this controller has none' in refused.reason
-    assert 'above its limit' in put(standoff_up=0.5).reason
+    assert 'standoff_up out of range' in put(standoff_up=0.5).reason
     assert not put(speed_max=0.1).successful
     assert get('standoff_up') == 0.005 and get('speed_max') == 0.5

@@ -95,7 +95,7 @@ def test_bad_input_is_refused_before_anything_runs(parts, tmp_path, capsys, argu
 
 def test_an_unknown_preset_is_refused_naming_the_three(parts, capsys):
     told = refused(capsys, parts[0], '--as-found', parts[1], '--preset', 'wild')
-    assert "'wild'" in told and "'gentle', 'recorded', 'rough'" in told
+    assert "'wild'" in told and "known are gentle, recorded, rough" in told
 
 
 def test_missing_files_are_named(parts, tmp_path, capsys):

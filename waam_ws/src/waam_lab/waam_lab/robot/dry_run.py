@@ -21,7 +21,7 @@ from waam_robot_bridge.params import RobotParams
 from waam_sim import part
 from waam_sim.plant import INPUT_GAS_OK, OUTPUT_ARC, Plant, Reading
 
-from ..machine import Machine
+from ..machine import EPOCH_US, Machine
 
 JOB = 'dry run'
 HOME_LIMIT = 60.0  # s
@@ -47,6 +47,9 @@ class DryMachine(Machine):
         self.tips: list[np.ndarray] = []
         self.arc: list[np.ndarray] = []
         self._ripple = RIPPLE
+
+    def _make_controller(self) -> Controller:
+        return Controller(EPOCH_US)  # the core that a robot's bridge holds takes no steps
 
     def _live(self) -> None:
         arc = (self._samples['outputs'] & OUTPUT_ARC) > 0
