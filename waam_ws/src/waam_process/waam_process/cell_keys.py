@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from .operating import DEFAULT_MATERIAL
+
 NUMBER, WHOLE, TEXT, SWITCH, PAIR, TRIPLE = (
     'a number', 'a whole number', 'text', 'true or false', 'two numbers', 'three numbers',
 )  # fmt: skip
@@ -142,7 +144,7 @@ KEYS: dict[str, Key] = {
         _limit('arc_speed_mm_s', 'travel with the arc on, lowest and highest', '[3, 20]', 'mm/s', 'arc_speed', MILLI),
         _limit('wire_feed_m_min', 'wire feed, lowest and highest', '[2, 12]', 'm/min', 'wire_feed', 1 / 60),
         _limit('voltage_v', 'of the source, lowest and highest', '[12, 36]', 'V', 'voltage', 1.0),
-        Key(MATERIAL, TEXT, 'wire in the feeder: key of the table of materials', 'er70s-6', '',
+        Key(MATERIAL, TEXT, 'wire in the feeder: key of the table of materials', DEFAULT_MATERIAL, '',
             (('thermal_compensator', 'material'),), given=True, simulated=True),
         Key(WORK_ZERO, TRIPLE, 'work zero (G54), machine coordinates', '[100, 80, 20]', 'mm',
             (('job_sequencer', 'work_offset'), ('cell', 'work_zero')), MILLI, given=True, simulated=True),
