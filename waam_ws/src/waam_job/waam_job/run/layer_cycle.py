@@ -30,6 +30,7 @@ class History:
     growth: np.ndarray | None = None  # (rows, cols) m of metal
     surface: np.ndarray | None = None  # (rows, cols) m, before the layer
     feed_factor: float = 1.0  # of the wire feed, flow times heat (eq 2.19)
+    skipped: bool = False  # the operator left the layer out
 
 
 class LayerCycle:
@@ -127,7 +128,7 @@ class LayerCycle:
             self.context.keep_scan(
                 scan, Following(layer=layer, asked=np.zeros(scan.map.spec.shape))
             )
-        self.history = History()
+        self.history = History(skipped=True)
         self.journal.layer(record)
         return self.scanner.scan_after(layer.number) if scan.stored else scan
 

@@ -43,9 +43,12 @@ class Outlook:
         scan: Scan,
         before: np.ndarray | None = None,
         asked: np.ndarray | None = None,
+        skipped: bool = False,
     ) -> None:
         """Pauses the job when there are layers to come that cannot bring it to its target. before: (rows, cols) m, the
-        surface before the layer; asked: m of metal that its setpoints asked for; None = not known."""
+        surface before the layer; asked: m of metal that its setpoints asked for; None = not known. skipped: the
+        operator left the layer out, and knows what will be missing."""
+        self._told_lost |= skipped
         context, program = self.context, self.context.program
         if context.goal.loop_mode != LoopMode.CLOSED_LOOP or not scan.plausible:
             return

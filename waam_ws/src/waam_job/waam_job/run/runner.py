@@ -110,7 +110,7 @@ class JobRunner:
                 if layer.number >= first:
                     scan = self.cycle.lay(layer, scan)
                     laid = self.cycle.history
-                    self.outlook.after(layer, scan, laid.surface, laid.growth)
+                    self.outlook.after(layer, scan, laid.surface, laid.growth, laid.skipped)
             if not self.passes.next(scan):
                 return scan
 
