@@ -23,7 +23,7 @@ def bench(tmp_path, graph_in, part):
     domain, run = fresh_domain(), tmp_path / 'run'
     run.mkdir()
     like = Settings(run=run, seed=3, preset='gentle', rate=RATE)
-    arguments = next(p for p in processes(like) if p.name == 'cell').arguments
+    arguments = next(p for p in processes(like) if p.name == 'cell').command[1:]
     with open(tmp_path / 'cell.log', 'w') as log:
         cell = subprocess.Popen(
             [sys.executable, str(CELL), *arguments], env=os.environ | {'ROS_DOMAIN_ID': str(domain)},
