@@ -1,5 +1,5 @@
-"""Forecasts before metal (`waam forecast`) against what then came out, on the preset `recorded`: the six kinds of
-restorations of `lib/shop.py`, each as laid within ±0.3 mm and with finish `machined`.
+"""Forecasts before metal (`waam forecast`) against what then came out, on the preset `recorded`: the reporting half
+of the kinds of `lib/shop.py`, each as laid within ±0.3 mm and with finish `machined`.
 
 A forecast never sees the cell of its job: its cells have two of the three metal models, the job is laid on three cells
 of the third one, with other seeds and other physics. The models take turns from case to case.
@@ -45,7 +45,7 @@ def forecasts() -> None:
     on = preset('recorded')
     cases: list[tuple] = []
     with tempfile.TemporaryDirectory() as folder:
-        for kind in shop.KINDS:
+        for kind in shop.KINDS['reporting']:
             paths = shop.write(Path(folder), kind)
             for goal in GOALS:
                 job = restore(*paths, name=kind, preset=on, **goal)

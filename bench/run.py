@@ -1,6 +1,6 @@
 """make bench [ONLY=name]: measures the figures of this folder and prints them as JSON lines.
 
-ONLY is the full name of a figure (link.segments_per_s), of a group (link: all names that begin with `link.`), or
+ONLY is the full name of a figure (loop.rms_ratio), of a group (loop: all names that begin with `loop.`), or
 `help`, which lists all names. Without it every figure is measured. Figures that come out of one measurement are
 printed together. Figures that were measured on simulated cells say their `preset`; `WAAM_BENCH_PRESET=recorded` takes
 another one where it is not the figure itself that says which.

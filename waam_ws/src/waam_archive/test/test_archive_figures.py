@@ -11,11 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_archive.charts import ChartError, chart, cpk, signals
-from waam_archive.figures import PriceError, Prices, cost, grouped, key_figures
+from waam_archive.figures import cost, grouped, key_figures
 from waam_archive.page import part_page
 from waam_archive.policy import Held, Policy, chosen, size
 from waam_archive.schema import names
 from waam_archive.traceability import part_record
+from waam_process.prices import PriceError, Prices
 
 # ---- control charts ------------------------------------------------------------------------------
 

@@ -4,59 +4,15 @@ coefficient of table 5.3 of source 003), cost by a price file. Pure."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
 from typing import Any
 
+from waam_process.prices import JOULE_PER_KWH, Prices
 from waam_process.verdicts import FAILED, GOOD, REJECTED
 
 from .values import mapping, number, ratio
 
 Row = dict[str, Any]
-JOULE_PER_KWH = 3.6e6
 GROUPS = ('part', 'material', 'wire_lot', 'operator', 'cell', 'loop_mode', 'month')
-
-
-class PriceError(ValueError):
-    """A price file that cannot be used; the text names the entry."""
-
-
-@dataclass(frozen=True)
-class Prices:
-    """Of a price file (YAML, docs/archive.md). wire_per_kg: by material; `default` for all others."""
-
-    currency: str = 'EUR'
-    wire_per_kg: dict[str, float] = field(default_factory=dict)
-    gas_per_hour: float = 0.0  # of arc time
-    energy_per_kWh: float = 0.0  # of arc energy
-    machine_per_hour: float = 0.0  # of machine time
-    labour_per_hour: float = 0.0  # of machine time, times labour_share
-    labour_share: float = 1.0
-
-    @classmethod
-    def parse(cls, data: Any) -> Prices:
-        """PriceError for an entry that is unknown, negative or no number."""
-        known = [f.name for f in fields(cls)]
-        if not isinstance(data, dict):
-            raise PriceError('a price file holds a mapping of names and prices')
-        for name in data:
-            if name not in known:
-                raise PriceError(f"'{name}' is no price; known are {', '.join(known)}")
-        prices = {k: _price(k, v) for k, v in data.items() if k not in ('currency', 'wire_per_kg')}
-        wire = data.get('wire_per_kg', {})
-        wire = wire if isinstance(wire, dict) else {'default': wire}
-        by_material = {str(k): _price(f'wire_per_kg.{k}', v) for k, v in wire.items()}
-        return cls(str(data.get('currency', 'EUR')), by_material, **prices)
-
-    def wire(self, material: str | None) -> float | None:
-        """Per kg; None when the file has no price for it."""
-        return self.wire_per_kg.get(material or '', self.wire_per_kg.get('default'))
-
-
-def _price(name: str, value: Any) -> float:
-    found = number(value)
-    if found is None or found < 0:
-        raise PriceError(f'{name} is {value!r}; wanted a number, not negative')
-    return found
 
 
 def cost(job: Row, prices: Prices) -> dict[str, float] | None:
@@ -68,10 +24,10 @@ def cost(job: Row, prices: Prices) -> dict[str, float] | None:
     wire, arc, energy, machine = (a or 0.0 for a in amounts)
     parts = {
         'wire': wire * per_kg,
-        'gas': arc / 3600 * prices.gas_per_hour,
-        'energy': energy / JOULE_PER_KWH * prices.energy_per_kWh,
-        'machine': machine / 3600 * prices.machine_per_hour,
-        'labour': machine / 3600 * prices.labour_per_hour * prices.labour_share,
+        'gas': arc / 3600 * (prices.gas_per_hour or 0.0),
+        'energy': energy / JOULE_PER_KWH * (prices.energy_per_kWh or 0.0),
+        'machine': machine / 3600 * (prices.machine_per_hour or 0.0),
+        'labour': machine / 3600 * (prices.labour or 0.0),
     }
     return {**parts, 'total': math.fsum(parts.values())}
 

@@ -87,6 +87,14 @@ def test_a_port_that_is_gone_or_held_is_told_and_not_asked(terminal, tmp_path):
     assert holders('/dev/ttyNOBODY', tmp_path / 'proc') == ()
 
 
+def test_a_held_port_is_not_opened_and_its_holder_is_named(terminal, monkeypatch):
+    near, name = terminal
+    monkeypatch.setattr(ports, 'holders', lambda device: ('bridge (4711)',))
+    assert ask(name).problem == 'held by bridge (4711)'
+    with pytest.raises(OSError):  # nobody ever had it open, nothing was sent
+        os.read(near, 1)
+
+
 def test_ports_have_their_lasting_names(tmp_path, monkeypatch):
     class Found:
         device, vid, pid, hwid, description = str(tmp_path / 'ttyACM0'), 0x16C0, 0x27DD, 'USB', 'x'

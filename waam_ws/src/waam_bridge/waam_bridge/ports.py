@@ -88,6 +88,8 @@ def holders(device: str, processes: Path = PROCESSES) -> tuple[str, ...]:
 
 def ask(device: str, rates: Iterable[int] = RATES) -> Answer:
     """Asks `$I keep` at each rate: the queue of a controller stays. A port that somebody holds is not asked."""
+    if held := holders(device):
+        return Answer(problem=f'held by {", ".join(held)}')
     for rate in rates:
         try:
             who = _ask(device, rate)
@@ -100,8 +102,6 @@ def ask(device: str, rates: Iterable[int] = RATES) -> Answer:
 
 def _ask(device: str, rate: int) -> frames.Identity | None:
     """None: nobody understood. OSError when the port cannot be opened alone."""
-    if held := holders(device):
-        raise OSError(errno.EAGAIN, f'held by {", ".join(held)}')
     with serial.Serial(device, rate, timeout=0, write_timeout=0.5, exclusive=True) as port:
         port.reset_input_buffer()
         for digits in (frames.CRC32, frames.CRC16):

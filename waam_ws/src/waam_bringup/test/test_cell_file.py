@@ -51,6 +51,13 @@ def refused(capsys, *words: str) -> list[str]:
     return capsys.readouterr().err.removeprefix('waam: error: ').splitlines()
 
 
+def test_a_list_where_a_word_is_wanted_is_refused(cells, capsys):
+    cells(('home: low', 'home: [low]'))
+    first, second = refused(capsys, 'cell', 'check')
+    assert first.endswith(":14: axes.x.home is ['low']: wanted is low or high")
+    assert 'axes.y.home' in second
+
+
 def test_a_new_cell_is_right_and_is_not_written_twice(cells, tmp_path, capsys):
     assert cli.main(['cell', 'new', 'gantry1']) == 0
     assert cli.main(['cell', 'check', 'gantry1']) == 0
@@ -68,6 +75,7 @@ def test_a_new_cell_is_right_and_is_not_written_twice(cells, tmp_path, capsys):
          r'per second, above the limit 77000'),
         ('zero_mm: [100,', 'zero_mm: [600,', r':45: work.zero_mm is at x 600 mm, outside 0 .. 400 mm'),
         ('plate_mm: [20, 20,', 'plate_mm: [20, 250,', r':46: work.plate_mm is at y 330 mm, outside 0 .. 300 mm'),
+        ('envelope_mm: 400', 'envelope_mm: ' + '9' * 400, r'axes.x.envelope_mm is 9+: wanted is a number'),
         ('er70s-6', 'brass', r":42: source.material is 'brass', known are er70s-6"),
         ('# arc_speed_mm_s: [3, 20]', 'arc_speed_mm_s: [30, 20]', r'arc_speed_mm_s is \[30, 20\]: the lowest comes'),
         ('# low_c: 0', 'low_c: 0', 'low_c belongs to a pyrometer: sensors.pyrometer.source is missing'),

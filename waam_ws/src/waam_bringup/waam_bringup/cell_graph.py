@@ -36,7 +36,8 @@ def apply(settings: Settings, simulated: bool) -> Applied:
     path = cell_check.path_of(cell_name())
     cell = cell_check.find(cell_name())
     if cell is None:
-        return Applied(settings, (f'cell file: none ({cell_check.shown(path)}: waam cell new)',))
+        none = f'cell file: none ({cell_check.shown(path)}: waam cell new)'
+        return Applied(settings, () if settings.machine == ROBOT else (none,))
     if settings.machine == ROBOT:
         raise GraphError(
             f'{cell.name} describes a {GANTRY}; a robot has parameters (waam_robot_bridge/README.md): use another '

@@ -47,7 +47,7 @@ TWO_WORDS = ('lab fit',)  # verbs of two words, whose first word is a verb of it
 # what a package needs of another one that it must not know
 OPTIONS: dict[str, dict[str, Any]] = {
     'waam_archive': {'jobs_dir': jobs_dir},
-    'waam_lab': {'of_cell': laboratory},
+    'waam_lab': {'of_cell': laboratory, 'jobs_dir': jobs_dir},
     'waam_record': {'graph': Graph(add_run, lambda args: run_and_domain(args)[1])},
     'waam_shop': {'places': places()},
 }

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.cell_keys import PORT
 from waam_process.cli_options import Verbs, add_verb
 
 from .paths import CELL, cell_name
@@ -111,7 +112,7 @@ def _show(args: argparse.Namespace) -> int:
 
     cell = _load(_path(args.name))
     if args.ros:
-        print(parameter_text(cell, False), end='')
+        print(parameter_text(cell, PORT not in cell.values), end='')
         return 0
     kept, damaged = certificates()
     rows = effective(cell, kept)

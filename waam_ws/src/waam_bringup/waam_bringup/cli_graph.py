@@ -145,7 +145,8 @@ def _with_cell(settings: Settings, args: argparse.Namespace) -> Settings:
     if args.simulated and args.port:
         raise ValueError('--simulated and --port contradict each other')
     applied = apply(settings, args.simulated)
-    print('\n'.join(applied.said))
+    for text in applied.said:
+        print(text)
     return applied.settings
 
 

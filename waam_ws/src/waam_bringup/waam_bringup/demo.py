@@ -19,7 +19,7 @@ from waam_msgs.action import RunJob
 from waam_node import job_folder
 from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
-from waam_process.operating import GANTRY, ROBOT
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 
 from .cli_graph import params_files
 from .cli_job import add_run_options
@@ -106,6 +106,7 @@ def _one(
     words = [
         str(parts / PART), '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
         '--layers', str(args.layers), '--operator', 'waam demo', '--wire-lot', 'simulated', '--gas', 'simulated',
+        '--material', DEFAULT_MATERIAL,
         '--note', f'seed={args.seed}', '--note', f'preset={args.preset}', *(['--fresh'] if args.fresh else []),
     ]  # fmt: skip
     options = argparse.ArgumentParser()

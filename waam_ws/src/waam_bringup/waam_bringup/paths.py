@@ -34,9 +34,10 @@ def shop_jobs_dir() -> Path:
     return Path(os.environ.get('WAAM_JOBS', root() / 'jobs')).resolve()
 
 
-def jobs_dir() -> Path:
-    """Folder of the jobs of this cell; of a named one `cells/<name>` below that of the first."""
-    return _of_cell(shop_jobs_dir())
+def jobs_dir(cell: str = '') -> Path:
+    """Folder of the jobs of a cell ('' = the one that is meant); of a named one `cells/<name>` below that of the first.
+    ValueError for a name that is none."""
+    return _of_cell(shop_jobs_dir(), cell)
 
 
 def shop_dir() -> Path:
@@ -60,6 +61,6 @@ def run_dir() -> Path:
     return Path(os.environ.get('WAAM_RUN', default)).resolve()
 
 
-def _of_cell(folder: Path) -> Path:
-    name = cell_name()
+def _of_cell(folder: Path, cell: str = '') -> Path:
+    name = check_name(cell) if cell else cell_name()
     return folder if name == FIRST else folder / 'cells' / name

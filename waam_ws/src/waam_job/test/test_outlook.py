@@ -191,6 +191,29 @@ def test_a_job_is_given_up_only_when_clearly_too_much_is_lost():
     assert not too_much(judged, ~judged, 0.95)  # nothing is judged
 
 
+def test_growth_from_a_map_that_is_not_believed_starves_nobody(make_cell, make_runner):
+    """The scan after layer 1 stands 3 mm too high and is not plausible: growth from it would be none."""
+    cell = make_cell()
+    runner, _, _ = make_runner(cell, layer_height=1e-3, plan_settings=('finish_layers=0',))
+    inner, begin, layers = cell.finish_scan, cell.begin_scan, [0]
+
+    def begun(job_id, layer, spec, laid):
+        layers[0] = layer
+        return begin(job_id, layer, spec, laid)
+
+    def finish(*args):
+        scan = inner(*args)
+        if layers[0] != 1:
+            return scan
+        return replace(
+            scan, map=scan.map.with_z(scan.map.z + 3e-3), plausible=False, reasons=('jump',)
+        )
+
+    cell.begin_scan, cell.finish_scan = begun, finish
+    assert runner.run().state == State.DONE
+    assert not [a for a in cell.anomalies if 'a region grows' in a.text]
+
+
 @pytest.mark.parametrize('which', ['starved', 'lost'])
 def test_the_job_pauses_when_metal_is_missing(which, make_cell, make_runner):
     """No metal arrives in the middle of the part; or a lump as high as all layers together lies there."""

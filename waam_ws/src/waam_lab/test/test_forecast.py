@@ -88,6 +88,8 @@ def test_the_verdict_tells_a_failure_its_cause_and_what_would_do(parts):
 
 def test_a_job_that_cannot_be_laid_is_told_by_its_reason(parts):
     refused = LabResult(1, 'failed', 106, 'overhang of 70 deg')
+    machined = restore(*parts, plan_settings=('finish=machined',))
+    assert facts(Forecast(machined, (refused,)))['finish'] == 'machined'
     f = Forecast(restore(*parts), (refused, refused))
     assert f.fails and verdict(f) == 'it fails: overhang of 70 deg' and not f.rows
     assert facts(f)['figures'] == {}
@@ -110,6 +112,9 @@ def test_cells_differ_in_physics_and_metal_unless_the_job_says_which(parts):
     assert {c.plant.metal.model for c in on_cells(restore(*parts), 4, ('film',))} == {'film'}
     own = PlantParams()
     assert all(c.plant is own for c in on_cells(restore(*parts, plant=own), 2))
+    placed = restore(*parts, overrides={'cell': {'work_zero': (0.2, 0.1, 0.03)}})  # of a cell file
+    assert len({c.plant.metal.transfer for c in on_cells(placed, 3)}) == 3
+    assert {c.plant.work_zero for c in on_cells(placed, 3)} == {(0.2, 0.1, 0.03)}
     named = restore(*parts, overrides={'cell': {'metal_transfer': 0.9}})
     assert all(c.plant is None for c in on_cells(named, 2))
 
@@ -192,6 +197,13 @@ def test_no_forecast_of_a_damaged_file_is_shown(parts, tmp_path):
         (['a.stl', '--as-found', 'w.stl', '--finish', 'machined'], '--finish machined'),
         (['b c.stl', '--mode', 'build', '--set', 'levels=adaptive'], '--set plan.levels=adaptive'),
         (['a.stl', '--scale', '1', '--bead-width', '5', '--out', 'o'], '--bead-width 5.0 --out o'),
+        (['a.stl', '--machine', 'robot', '--repair'], '--repair --machine robot'),
+        (['a.stl', '--cell', 'big', '--speed', '8'], '--cell big --set plan.speed=0.008'),
+        (['a.stl', '--set', 'allowance=0.0005', '--set', 'grid=0.001'], '--allowance 0.5'),
+        (
+            ['a.stl', '--set', 'strategy=contour', '--overhang', '30'],
+            '--set plan.overhang_limit_deg=30.0 --strategy contour',
+        ),
         (['scan.pcd'], ''),
         (['a.stl', '--as-found', 'w.npz'], ''),
         (['a.stl', '--as-found', 'w.ply', '--zone'], ''),

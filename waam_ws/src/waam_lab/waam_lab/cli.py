@@ -45,9 +45,11 @@ exit status: 0 all jobs ran, 1 at least one job failed, 2 refused, 130 ended wit
 def register(
     commands: argparse._SubParsersAction,
     of_cell: Callable[[str], tuple[dict[str, dict[str, Any]], str, str]] | None = None,
+    jobs_dir: Callable[[str], Path] | None = None,
 ) -> None:
     """Adds the verb `lab`. of_cell: of a cell ('' = the one that is meant) parameters by node, wire and name of its
-    file, by that file; ({}, '', '') where there is none. It raises ValueError."""
+    file, by that file; ({}, '', '') where there is none. It raises ValueError. jobs_dir: where a cell has
+    its jobs, and with them the forecasts."""
     p = commands.add_parser(
         'lab',
         help='predict what will come out: the whole job on many simulated cells, in seconds',
@@ -62,7 +64,7 @@ def register(
     cli_fit.register(commands)
     p = cli_forecast.register(commands, _add_part)
     _add_process(p)
-    p.set_defaults(of_cell=of_cell)
+    p.set_defaults(of_cell=of_cell, jobs_dir=jobs_dir)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:

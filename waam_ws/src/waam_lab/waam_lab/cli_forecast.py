@@ -71,9 +71,9 @@ def _run(args: argparse.Namespace) -> int:
 
     if args.cells < 1:
         raise ValueError(f'--cells is {args.cells}, must be at least 1')
-    jobs_dir = Path(os.environ.get('WAAM_JOBS', 'jobs'))
-    job, notes = job_of(args, jobs_dir)
-    job = replace(job, goal=replace(job.goal, jobs_dir=jobs_dir.resolve()))
+    job, notes = job_of(args, Path('jobs'))  # kept nowhere
+    jobs_dir = args.jobs_dir(args.cell or '') if args.jobs_dir else Path('jobs').resolve()
+    job = replace(job, goal=replace(job.goal, jobs_dir=jobs_dir))
     console = Console(highlight=False)
     for text in notes:
         console.print(f'as found: {text}')
@@ -157,10 +157,10 @@ def show(f: Forecast, console: Console) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from . import forecast
+    from . import forecast, plants
 
     goal = f.job.goal
-    cell = f'cell {f.job.preset}' if 'cell' not in f.job.overrides else 'cell as given'
+    cell = f'cell {f.job.preset}' if not plants.own_physics(f.job) else 'cell as given'
     table = Table(title=f'{goal.file.name}, tolerance ±{goal.tolerance * 1e3:g} mm, {cell}')
     for name in ('forecast', 'expected', f'{forecast.BAND:.0%} of jobs'):
         table.add_column(name, justify='left' if name == 'forecast' else 'right')

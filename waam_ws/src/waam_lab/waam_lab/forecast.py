@@ -107,7 +107,7 @@ class Forecast:
     @property
     def machined(self) -> bool:
         """Whether it is judged by what is below nominal after machining."""
-        return any(math.isfinite(r.clean_share) for r in self.results)
+        return self.job.machined
 
     @property
     def rows(self) -> dict[Row, Expected]:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from waam_job.model.goal import JobGoal
+from waam_plan.finish import MACHINED
 from waam_process.grid import GridSpec
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY
-from waam_process.verdicts import GOOD
+from waam_process.verdicts import FAILED, GOOD
 from waam_sim.plant import PlantParams
 
 from .params import Overrides
@@ -47,6 +48,11 @@ class LabJob:
     learned: Path | None = None  # folder of what jobs have taught; None = the job starts fresh
     # The job adds to that folder; jobs that do must not run at the same time.
     keep_learned: bool = False
+
+    @property
+    def machined(self) -> bool:
+        """Whether it is judged by what is below nominal after machining."""
+        return f'finish={MACHINED}' in self.goal.plan_settings
 
 
 # of LabJob, beside those of its goal
@@ -124,7 +130,7 @@ class LabResult:
     contact_worst: float = math.nan  # m, largest of it
     contact_least: float = math.nan  # m, smallest contact distance of all, strikes included
     # variance of the true current, power and heat input over the square of their means, in steady travel, of means over
-    # 0.5 s and of single values every 10 ms
+    # 0.5 s
     process_variance: Mapping[str, float] = field(default_factory=dict)
     # m, by layer: mean true width of the pool in steady travel
     bead_widths: Mapping[int, float] = field(default_factory=dict)
@@ -145,7 +151,7 @@ class LabResult:
     @property
     def failed(self) -> bool:
         """The job ended with an error: see `error_code` and `message`."""
-        return self.verdict == 'failed'
+        return self.verdict == FAILED
 
     @property
     def speed(self) -> float:

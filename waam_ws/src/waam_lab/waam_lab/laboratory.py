@@ -21,6 +21,7 @@ from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_plan.mesh.placed import Table
 from waam_process.operating import MACHINES, build_plate
+from waam_process.verdicts import FAILED
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
@@ -156,7 +157,7 @@ def failed(job: LabJob, error: Exception) -> LabResult:
     code = int(getattr(error, 'code', 100))
     known = type(error).__module__.startswith('waam') or isinstance(error, ValueError)
     text = str(error) if known else f'{type(error).__name__}: {error}'
-    return LabResult(seed=job.seed, verdict='failed', error_code=code, message=text)
+    return LabResult(seed=job.seed, verdict=FAILED, error_code=code, message=text)
 
 
 def over_seeds(job: LabJob, seeds: range | list[int]) -> list[LabJob]:

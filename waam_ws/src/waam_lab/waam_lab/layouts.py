@@ -103,12 +103,16 @@ def best(asked: Trial, trials: Sequence[Trial]) -> Trial | None:
     if better:
         return min(better, key=lambda t: (-t.good / len(t.results), t.machined, t.mean('rms')))
     limit = (1 - MIN_GAIN) * asked.mean('rms')  # NaN where what was asked for cannot be laid
-    less = [t for t in able if t.machined == asked.machined and not t.mean('rms') >= limit]
+    less = [
+        t
+        for t in able
+        if (t.machined == asked.machined or not math.isfinite(limit)) and not t.mean('rms') >= limit
+    ]
     return min(less, key=lambda t: t.mean('rms')) if less else None
 
 
 def options(job: LabJob, layout: Layout) -> list[str]:
-    """What `waam job run`, `waam plan` and `waam lab` want to hear for that layout, beyond what the job has."""
+    """What `waam job run` and `waam plan` want to hear for that layout, beyond what the job has."""
     goal = laid(job, layout).goal
     words = []
     if goal.bead_width != job.goal.bead_width:

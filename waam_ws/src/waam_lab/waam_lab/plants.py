@@ -7,34 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from waam_sim.config import plant_params
+from waam_sim.config import GROUPS, plant_params
 from waam_sim.metal_models import number
 from waam_sim.plant import PlantParams
 
 from .job import LabJob
-from .params import make
+from .params import Overrides, make
 
 # Where the random cells of a family begin: what is chosen or trained on the one is reported on the other.
 CHOOSING, REPORTING = 4701, 4702
 FIRST_CELL = 9001  # seed of the first cell of a forecast; reports are on other seeds
-
-
-def random_plant(rng: np.random.Generator, usual: PlantParams | None = None) -> PlantParams:
-    """A cell whose metal differs from that of `usual` (default: the packaged parameters of waam_sim). Beads scatter as
-    they do there, by a factor of its own."""
-    packaged = PlantParams()
-    usual = usual or packaged
-    rougher = usual.metal.area_noise_layer / packaged.metal.area_noise_layer
-    metal = replace(
-        usual.metal,
-        pool_lag=float(np.clip(rng.normal(0.45, 0.15), 0.1, 0.9)),
-        levelling=float(np.clip(rng.normal(0.55, 0.12), 0.25, 0.85)),
-        width_ref=float(rng.normal(7e-3, 0.3e-3)),
-        crater_depth=float(rng.uniform(0.15, 0.6)),
-        transfer=float(rng.uniform(0.8, 0.96)),
-        area_noise_layer=float(rng.uniform(0.02, 0.06)) * rougher,
-    )
-    return replace(usual, metal=metal)
 
 
 # Ranges of what each model has of its own; the first three are every model's. Those of the scatter reach from the
@@ -58,10 +40,12 @@ MODELS = tuple(_OWN)
 _SCATTER = ('area_noise_fixed', 'area_noise_layer', 'width_noise')
 
 
-def training_plant(rng: np.random.Generator, preset: str, model: str = '') -> PlantParams:
+def training_plant(
+    rng: np.random.Generator, preset: str, model: str = '', overrides: Overrides | None = None
+) -> PlantParams:
     """A cell of a random metal model ('') or of this one about the cell of a preset, one in three with a drift of the
     efficiency. What is trained on such cells is reported on `family_plant`, whose cells none of them is."""
-    usual = plant_params(make(preset=preset).cell)
+    usual = plant_params(make(overrides or {}, preset=preset).cell)
     model = model or str(rng.choice(list(_OWN)))
     ranges = {**_COMMON, **_OWN[model], 'scatter': (0.7, 1.3)}
     drawn = {name: float(rng.uniform(*limits)) for name, limits in ranges.items()}
@@ -78,17 +62,25 @@ def training_plant(rng: np.random.Generator, preset: str, model: str = '') -> Pl
     return replace(usual, metal=metal, variation=variation)
 
 
+def own_physics(job: LabJob) -> bool:
+    """Whether the job says which cell it wants. Where the part is clamped (by a cell file) is no physics."""
+    groups = tuple(f'{group}_' for group in GROUPS)
+    return job.plant is not None or any(n.startswith(groups) for n in job.overrides.get('cell', {}))
+
+
 def on_cells(job: LabJob, cells: int, models: Sequence[str] = MODELS) -> list[LabJob]:
     """The job on so many cells for a forecast: each has physics of its own about those of the job's preset, the metal
     models take turns. A job that says which cell it wants gets that one, with other seeds."""
     seeds = range(FIRST_CELL, FIRST_CELL + cells)
-    if job.plant is not None or 'cell' in job.overrides:
+    if own_physics(job):
         return [replace(job, seed=seed) for seed in seeds]
     return [
         replace(
             job,
             seed=seed,
-            plant=training_plant(np.random.default_rng(seed), job.preset, models[i % len(models)]),
+            plant=training_plant(
+                np.random.default_rng(seed), job.preset, models[i % len(models)], job.overrides
+            ),
         )
         for i, seed in enumerate(seeds)
     ]

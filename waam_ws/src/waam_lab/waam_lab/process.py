@@ -108,9 +108,9 @@ class ProcessTrace:
         layers = rows[:, 0]
         return {int(n): float(rows[layers == n, 4].mean()) for n in np.unique(layers) if n}
 
-    def variance(self, mean_over: int = POOL) -> dict[str, float]:
+    def variance(self) -> dict[str, float]:
         """Of every value over the square of its mean; NaN when nothing is judged."""
-        found = self.values(mean_over)
+        found = self.values(POOL)
         return {
             name: float(np.var(v) / np.mean(v) ** 2) if len(v) > 1 else float('nan')
             for name, v in found.items()

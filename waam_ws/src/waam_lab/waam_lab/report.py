@@ -75,8 +75,7 @@ class Campaign:
     @property
     def word(self) -> str:
         """What good jobs do."""
-        machined = any(math.isfinite(r.clean_share) for r in self.results)
-        return 'clean up' if machined else IN_TOLERANCE
+        return 'clean up' if self.job.machined else IN_TOLERANCE
 
     @property
     def by(self) -> str:

@@ -14,6 +14,7 @@ from waam_node import job_folder
 from waam_plan import finish
 from waam_plan.plan import Plan
 from waam_process.grid import GridSpec
+from waam_process.verdicts import FAILED
 
 from . import causes
 from .job import LabJob, LabMaps, LabResult
@@ -27,15 +28,13 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
     run: dict[str, Any] = report.get(job.goal.loop_mode, {})
     maps = [m for m in (folder.read_map(n) for n in range(folder.last_map() + 1)) if m is not None]
     final = (
-        _maps(maps, first)
-        if maps and first and report.get('verdict', 'failed') != 'failed'
-        else None
+        _maps(maps, first) if maps and first and report.get('verdict', FAILED) != FAILED else None
     )
     rows = [r for r in run.get('layers', []) if not r.get('final')]
     judged = run.get('rms_mm') is not None
     return LabResult(
         seed=job.seed,
-        verdict=report.get('verdict', 'failed'),
+        verdict=report.get('verdict', FAILED),
         error_code=int(run.get('error_code', 0)),
         message=str(run.get('message', '')),
         rms=_metres(run, 'rms_mm'),

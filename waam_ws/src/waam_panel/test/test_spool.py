@@ -54,6 +54,16 @@ def test_after_a_layer_it_is_what_the_job_has_written(job, spool, used, need, wo
     assert spool_of(job) == {'layer': len(used), 'left_m': spool, 'need_m': need, 'words': words}
 
 
+def test_in_a_later_pass_the_plan_counts_its_layers_anew(job):
+    (job / 'plan.npz').rename(job / 'plan_2.npz')
+    layers = [
+        {'layer': n, 'pass_number': 1 + (n > 2), 'final': False, 'wire_used': 2.0}
+        for n in (1, 2, 3)
+    ]
+    (job / 'records.json').write_text(json.dumps({'spool': 3.9, 'layers': layers}))
+    assert spool_of(job, 2) == {'layer': 3, 'left_m': 3.9, 'need_m': 4.0, 'words': SHORT}
+
+
 def test_what_nobody_told_is_not_known(job):
     (job / 'job.yaml').write_text(yaml.safe_dump({'goal': {'wire_left': 0.0}}))
     assert spool_of(job) is None

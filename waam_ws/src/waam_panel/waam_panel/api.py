@@ -197,10 +197,13 @@ async def start(cell: Cell, _: dict[str, Any]) -> str:
     await calibrated.check(cell.calibrations, cell.settings)
     if cell.going_on is not None:
         return await cell.do(cell.operations.resume_job, cell.going_on)
-    assert cell.setup is not None  # asked above
-    part = cell.parts.find(cell.setup.part)
-    said = await cell.do(cell.operations.start, cell.setup, part, cell.jobs_dir)
-    cell.setup = replace(cell.setup, wire_left_m=0.0)  # another start would find less on the spool
+    setup = cell.setup
+    assert setup is not None  # asked above
+    part = cell.parts.find(setup.part)
+    said = await cell.do(cell.operations.start, setup, part, cell.jobs_dir)
+    if cell.setup is setup:  # another start would find less on the spool
+        cell.setup = replace(setup, wire_left_m=0.0)
+        cell.state.sections['setup'] = cell.setup.as_dict() | {'words': cell.setup.words}
     return said
 
 

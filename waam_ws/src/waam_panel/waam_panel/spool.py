@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from waam_node import job_folder
-from waam_process.bead import AREA_FACTOR
+from waam_process.bead import bead_section
 from waam_process.safe_files import FileError, parse_json, read_npz
 
 from .history import facts_of
@@ -44,7 +45,10 @@ def spool_of(folder: Path, pass_number: int = 1) -> dict[str, Any] | None:
         'need_m': None,
         'words': '',
     }
-    planned = _planned(folder / job_folder.plan(max(1, pass_number)))
+    below = [n for r in laid if isinstance(n := r.get('layer'), int) and _pass(r) < pass_number]
+    offset = max(below, default=0)  # a stored plan counts its layers from 1
+    found = _stored(folder / job_folder.plan(max(1, pass_number)))
+    planned = {n + offset: metres for n, metres in found.items()}
     if not planned:
         return told
     took = {r['layer']: r['wire_used'] for r in laid if isinstance(r.get('wire_used'), int | float)}
@@ -56,7 +60,21 @@ def spool_of(folder: Path, pass_number: int = 1) -> dict[str, Any] | None:
     return told | {'need_m': round(need, 1), 'words': words}
 
 
-def _planned(plan: Path) -> dict[int, float]:
+def _pass(record: dict[str, Any]) -> int:
+    number = record.get('pass_number', 1)
+    return number if isinstance(number, int) else 1
+
+
+def _stored(plan: Path) -> dict[int, float]:
+    """Read once: a plan is large, is written once, and the page asks every few seconds."""
+    try:
+        return _planned(plan, plan.stat().st_mtime_ns)
+    except OSError:
+        return {}
+
+
+@lru_cache(maxsize=4)
+def _planned(plan: Path, _changed_ns: int) -> dict[int, float]:
     """m of wire for every layer of a stored plan: metal of its segments over section of the wire and efficiency."""
     try:
         data = read_npz(plan)
@@ -65,14 +83,8 @@ def _planned(plan: Path) -> dict[int, float]:
             math.pi / 4 * float(settings['wire_diameter']) ** 2 * float(settings['efficiency'])
         )
         length = np.linalg.norm(data['end'] - data['start'], axis=1)
-        metres = (
-            AREA_FACTOR
-            * data['width']
-            * data['height']
-            * length
-            * data['arc'].astype(bool)
-            / section
-        )
+        metal = bead_section(data['width'], data['height']) * length
+        metres = metal * data['arc'].astype(bool) / section
         layer = data['layer']
         return {
             int(n): float(metres[layer == n].sum())

@@ -257,8 +257,31 @@ def _forecast(args: argparse.Namespace) -> str:
             words += [f'--{name.replace("_", "-")}', str(value)]
     if args.scale != SCALE:
         words += ['--scale', f'{args.scale:g}']
-    for text in args.set:
-        words += ['--set', f'plan.{text}']
+    if args.repair:
+        words.append('--repair')
+    if args.machine == ROBOT:
+        words += ['--machine', ROBOT, *(('--urdf', str(args.urdf)) if args.urdf else ())]
+    elif args.cell:
+        words += ['--cell', args.cell]
+    if args.part_tolerance is not None:
+        words += ['--tolerance', f'{args.part_tolerance:g}']
+    own = {
+        'speed': args.speed and args.speed * 1e-3, 'direction': args.direction, 'alternation': args.alternation,
+        'levels': args.levels, 'overhang_limit_deg': args.overhang, 'tilt_deg': args.tilt, 'clamp': args.clamp,
+    }  # fmt: skip
+    for text in (*(f'{k}={v}' for k, v in own.items() if v), *args.set):
+        name, _, value = text.partition('=')
+        if name in (
+            'allowance',
+            'tolerance',
+            'layer_height',
+            'bead_width',
+        ):  # options of their own, in mm
+            words += [f'--{name.replace("_", "-")}', f'{float(value) * 1e3:g}']
+        elif name == 'strategy':
+            words += ['--strategy', value]
+        elif name not in ('machine_min', 'machine_max', 'grid'):  # those of the simulated machine
+            words += ['--set', f'plan.{text}']
     return shlex.join(words)
 
 

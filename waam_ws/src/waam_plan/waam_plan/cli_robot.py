@@ -112,6 +112,8 @@ def check_arm(args: argparse.Namespace) -> None:
     for name in ('urdf', 'turning', 'params_file'):
         if getattr(args, name) and args.machine != ROBOT:
             raise ValueError(f'--{name.replace("_", "-")} belongs to --machine robot')
+    if args.cell and args.machine == ROBOT:
+        raise ValueError('--cell is the file of a gantry: not with --machine robot')
     wanted = [n for n in ('robot_cell', 'positioner', 'corner') if getattr(args, n) is not None]
     if args.post not in POSTS and wanted:
         raise ValueError(f'--{wanted[0].replace("_", "-")} belongs to --post {" | ".join(POSTS)}')

@@ -139,7 +139,6 @@ class PlanSettings:
     foot_height: float = within(
         0.010, 0.0, 0.1
     )  # up to here above the substrate, metal is added below overhangs
-    # sections of a build that differ by less are planned once and repeated
     scanner_offset: Triple = (0.060, 0.0, 0.120)  # origin of frame scanner from torch_tcp
     scanner_fov: float = within(0.050, 1e-3, 1.0)  # width of a profile
     scanner_range: Pair = (-0.150, -0.100)  # measured z_s, lowest and highest

@@ -32,6 +32,7 @@ from .cell_keys import (
 VERSION = 1
 HEAD = 'waam_cell'  # key of the version
 LIMIT = 200_000  # bytes of a file
+LARGEST = 1e15  # of a number: beyond it whole ones are no floats any more
 ALIKE = 1e-6  # relative: a value went through mm and back
 Parameters = dict[str, dict[str, Any]]  # node -> parameter -> value
 Point = tuple[float, float, float]
@@ -200,14 +201,15 @@ def _read(
 def _mismatch(key: Key, value: Any) -> str:
     """Why the value is none of this key, '' = it is one."""
     if key.words:
-        return '' if value in key.words else f'wanted is {" or ".join(key.words)}'
+        known = isinstance(value, str) and value in key.words
+        return '' if known else f'wanted is {" or ".join(key.words)}'
     if key.kind in SIZES:
         right = isinstance(value, list) and len(value) == SIZES[key.kind]
         right = right and all(map(_number, value))
     elif key.kind == NUMBER:
         right = _number(value)
     elif key.kind == WHOLE:
-        right = isinstance(value, int) and not isinstance(value, bool)
+        right = isinstance(value, int) and _number(value)
     else:
         right = isinstance(value, {TEXT: str, SWITCH: bool}[key.kind])
     unit = f' ({key.unit})' if key.unit else ''
@@ -215,7 +217,7 @@ def _mismatch(key: Key, value: Any) -> str:
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 
 def _below(path: str) -> list[str]:

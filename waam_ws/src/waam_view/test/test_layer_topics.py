@@ -94,6 +94,20 @@ def test_a_map_and_its_correction_are_points_while_somebody_subscribes(cell):
     assert len(got) == 1
 
 
+def test_a_correction_that_comes_before_its_map_lies_on_it(cell):
+    layers, client, until = cell
+    got: list[PointCloud2] = []
+    client.create_subscription(PointCloud2, 'correction_points', got.append, LATCHED)
+    psi = CorrectionMap(grid=grid_to_msg(GRID), psi=[0.5] * 6)
+    client.create_publisher(CorrectionMap, 'correction_map', LATCHED).publish(psi)
+    until(lambda: got)
+    assert got[0].width == 0  # no height is known
+    height = HeightMap(grid=grid_to_msg(GRID), z=Z, sigma=[1e-5] * 6)
+    client.create_publisher(HeightMap, 'height_map', LATCHED).publish(height)
+    until(lambda: len(got) == 2)
+    assert columns(got[1])['z'] == pytest.approx([0.001, 0.002, 0.004, 0.005, 0.006])
+
+
 def piece(bead: int, a: tuple[float, float], b: tuple[float, float], kind: int) -> Segment:
     (x, y), (u, v) = a, b
     return Segment(bead=bead, kind=kind, start=Point(x=x, y=y), end=Point(x=u, y=v), width=0.005)

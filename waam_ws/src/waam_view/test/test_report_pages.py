@@ -14,12 +14,13 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_job import write_job  # noqa: E402
 
+from waam_process.prices import PriceError, Prices  # noqa: E402
 from waam_view import canvas, part_picture  # noqa: E402
 from waam_view.beads import arc_ends, beads  # noqa: E402
 from waam_view.engineer_pages import anomalies_section, beads_section, surface_section  # noqa: E402
-from waam_view.job_data import Job, Scan  # noqa: E402
+from waam_view.job_data import Job, Scan, interpass_limit  # noqa: E402
 from waam_view.owner_page import local_time, owner_page, use_of, verdict_box  # noqa: E402
-from waam_view.prices import PriceError, Prices, Use, costs, find_prices, read_prices  # noqa: E402
+from waam_view.prices import Use, costs, find_prices, read_prices  # noqa: E402
 from waam_view.report import write_report  # noqa: E402
 from waam_view.worst_places import worst_places  # noqa: E402
 
@@ -188,6 +189,19 @@ def test_beads_run_from_arc_on_to_arc_off_with_their_own_means():
     assert 'No telemetry' in beads_section(job())
 
 
+def test_a_bead_of_a_run_that_was_killed_ends_with_its_run():
+    t = {'t': np.array([0, 0.1, 0.2, 7200.0, 7200.1]), 'arc': np.array([1.0, 1, 1, 0, 0])}
+    (bead,) = beads(t)
+    assert 0.2 <= bead.duration < 2.0
+
+
+def test_the_interpass_limit_is_that_of_the_node_before_that_of_the_material():
+    asked = {'material': {'interpass_limit': 250.0}}
+    assert interpass_limit(job(asked=asked)) == 250.0
+    asked['nodes'] = {'thermal_compensator': {'interpass_limit': 300.0}}
+    assert interpass_limit(job(asked=asked)) == 300.0
+
+
 def test_an_arc_that_burns_to_the_last_row_is_a_bead_too():
     t = {'t': np.arange(3.0), 'arc': np.array([1.0, 1, 1])}
     assert [(b.start, b.duration) for b in beads(t)] == [(0.0, 2.0)]
@@ -196,10 +210,10 @@ def test_an_arc_that_burns_to_the_last_row_is_a_bead_too():
 @pytest.mark.parametrize(
     'text, said',
     [
-        ('currency: EUR\nwire: 3', 'unknown: wire'),
+        ('currency: EUR\nwire: 3', "'wire' is no price"),
         ('wire_per_kg: 3', 'currency must be'),
-        ('currency: EUR\ngas_per_l: -1', 'gas_per_l must be'),
-        ('currency: EUR\ngas_per_l: cheap', 'gas_per_l must be'),
+        ('currency: EUR\ngas_per_hour: -1', 'gas_per_hour must be'),
+        ('currency: EUR\ngas_per_hour: cheap', 'gas_per_hour must be'),
         ('currency: EUR\nnew_part: .inf', 'new_part must be'),
         ('currency: EUR\nnew_part: yes', 'new_part must be'),
         ('- 1', 'no mapping'),
@@ -213,13 +227,18 @@ def test_prices_that_are_not_understood_are_refused_by_name(tmp_path, text, said
 
 def test_what_has_no_price_is_not_counted_and_named():
     known, left = costs(
-        Prices('EUR', wire_per_kg=4.0, machine_per_h=50.0), Use(0.5, 20.0, 1.0, 2.0)
+        Prices('EUR', {'default': 4.0}, machine_per_hour=50.0), Use(0.5, 20.0, 0.5, 1.0, 2.0), ''
     )
     assert known == [('wire', 2.0), ('machine', 100.0)] and left == [
         'shielding gas',
         'energy of the arc',
+        'labour',
     ]
-    assert costs(Prices('EUR', gas_per_l=1.0), Use(0.5, float('nan'), 1.0, 2.0))[0] == []
+    unknown = Use(0.5, 20.0, float('nan'), 1.0, 2.0)
+    assert costs(Prices('EUR', gas_per_hour=1.0), unknown, '')[0] == []
+    by_wire = Prices('EUR', {'316l': 14.0}, labour_per_hour=30.0, labour_share=0.5)
+    assert costs(by_wire, unknown, '316l')[0] == [('wire', 7.0), ('labour', 30.0)]
+    assert costs(by_wire, unknown, 'er70s-6')[0] == [('labour', 30.0)]
 
 
 def test_prices_are_looked_for_in_the_job_and_beside_it(tmp_path):
@@ -240,16 +259,23 @@ def test_money_is_shown_with_prices_only_and_a_new_part_is_compared(tmp_path):
     write_job(folder, layers=1)
     page = write_report(folder).read_text()
     assert 'No prices are known' in page and ' EUR' not in page
-    (tmp_path / 'prices.yaml').write_text('currency: EUR\nmachine_per_h: 36\nnew_part: 5')
+    (tmp_path / 'prices.yaml').write_text('currency: EUR\nmachine_per_hour: 36\nnew_part: 5')
     page = write_report(folder).read_text()
-    assert '8.12 EUR' in page and '3.12 EUR more than a new part at 5.00 EUR' in page  # 812 s
     assert (
-        'Not counted, for there is no price or no figure: wire, shielding gas, energy of the arc.'
+        '8.12 EUR' in page and 'at least 3.12 EUR more than a new part at 5.00 EUR' in page
+    )  # 812 s
+    assert (
+        'Not counted, for there is no price or no figure: wire, shielding gas, energy of the arc, labour.'
         in page
+    )
+    (tmp_path / 'prices.yaml').write_text('currency: EUR\nnew_part: 5')
+    page = write_report(folder).read_text()
+    assert (
+        'in all' not in page.split('What it took')[1].split('<h2>')[0] and 'a new part' not in page
     )
     (tmp_path / 'prices.yaml').write_text('currency: EUR\nmachine: 36')
     page = write_report(folder).read_text()
-    assert 'No money is shown' in page and 'unknown: machine' in page
+    assert 'No money is shown' in page and '&#x27;machine&#x27; is no price' in page
 
 
 def test_what_a_job_used_is_by_its_material_and_its_plan(tmp_path):
@@ -328,7 +354,7 @@ def test_the_first_page_is_one_sheet_of_a4_and_nothing_is_cut_on_a_screen(tmp_pa
     folder = tmp_path / 'one'
     write_job(folder, layers=1)
     (tmp_path / 'prices.yaml').write_text(
-        'currency: EUR\nwire_per_kg: 3\nmachine_per_h: 36\nnew_part: 5'
+        'currency: EUR\nwire_per_kg: 3\nmachine_per_hour: 36\nnew_part: 5'
     )
     address, found = write_report(folder).as_uri(), []
     with sync.sync_playwright() as p:

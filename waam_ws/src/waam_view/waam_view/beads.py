@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 MOVING = 1e-3  # m/s, below which power over speed says nothing
+GAP_S = 1.5  # between two rows, from which on a run has ended between them
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ def beads(t: dict[str, np.ndarray]) -> list[Bead]:
         return []
     found = []
     for a, b in _stretches(t):
-        start, end = _changed(t, a), _changed(t, b)
+        # what was cut off ended with its run, not when the next one began
+        start, end = _changed(t, a), min(_changed(t, b), float(t['t'][b - 1]) + GAP_S)
 
         def column(name: str, a: int = a, b: int = b) -> np.ndarray:
             return np.asarray(t.get(name, np.full(len(t['t']), np.nan)), float)[a:b]

@@ -210,6 +210,12 @@ def find_value(tree: Any, key: str) -> Any:
     return None
 
 
+def interpass_limit(job: Job) -> float:
+    """degC, NaN = not known: that of the thermal compensator, else that of the material."""
+    own = number(find_value(job.asked.get('nodes') or {}, 'interpass_limit'))
+    return own if math.isfinite(own) else number(find_value(job.asked, 'interpass_limit'))
+
+
 def flatten(tree: dict[str, Any], prefix: str = '') -> list[tuple[str, str]]:
     """Nested dictionary -> [('a.b', 'value')]."""
     rows: list[tuple[str, str]] = []

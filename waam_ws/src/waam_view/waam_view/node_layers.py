@@ -33,6 +33,7 @@ class LayerTopics:
     def __init__(self, node: WaamNode) -> None:
         self._node = node
         self._map: HeightMap | None = None
+        self._psi: CorrectionMap | None = None
         make = node.create_publisher
         self._points = make(PointCloud2, 'height_points', LATCHED)
         self._correction = make(PointCloud2, 'correction_points', LATCHED)
@@ -65,12 +66,15 @@ class LayerTopics:
         xy = places(grid_from_msg(msg.grid), z)
         self._points.publish(cloud(msg.header, xy, z=z, sigma=sigma))
         self._map = msg
+        if self._psi is not None:  # it came before its map
+            self._on_correction(self._psi)
 
     def _on_correction(self, msg: CorrectionMap) -> None:
+        self._psi = msg
         psi = np.array(msg.psi, np.float32)
         xy = places(grid_from_msg(msg.grid), psi)
         on_map = self._map is not None and self._map.grid == msg.grid
-        z = np.array(self._map.z if self._map and on_map else np.zeros(len(psi)), np.float32)
+        z = np.array(self._map.z if self._map and on_map else np.full(len(psi), np.nan), np.float32)
         self._correction.publish(cloud(msg.header, xy, z=z, psi=psi, rgb=coloured(psi)))
 
     def _on_plan(self, msg: LayerPlan) -> None:

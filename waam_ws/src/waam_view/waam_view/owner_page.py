@@ -6,16 +6,15 @@ import math
 from datetime import datetime
 
 from waam_node import job_folder
+from waam_process.prices import JOULE_PER_KWH, PriceError, Prices
 from waam_process.verdicts import CLEANS_UP, DOES_NOT_CLEAN_UP, IN_TOLERANCE, OUT_OF_TOLERANCE
 
 from . import figures, part_picture
 from .html import VERDICTS, cards, duration, escape, fmt, picture
 from .job_data import Job, mapping, number
 from .plan_file import PlanFileError, read_settings
-from .prices import HOW, PriceError, Prices, Use, costs, find_prices
+from .prices import HOW, Use, costs, find_prices
 from .worst_places import Place, is_machined
-
-J_PER_KWH = 3.6e6
 
 
 def owner_page(job: Job, places: list[Place]) -> str:
@@ -126,7 +125,8 @@ def use_of(job: Job) -> Use:
     return Use(
         wire_kg=number(run.get('wire_m')) * math.pi / 4 * diameter**2 * density,
         gas_l=number(run.get('arc_on_s')) * _gas_flow(job) * 1e3,
-        energy_kwh=number(run.get('energy_J')) / J_PER_KWH,
+        arc_h=number(run.get('arc_on_s')) / 3600,
+        energy_kwh=number(run.get('energy_J')) / JOULE_PER_KWH,
         machine_h=number(run.get('duration_s')) / 3600,
     )
 
@@ -162,25 +162,27 @@ def _money(job: Job, use: Use) -> str:
         prices = find_prices(job.folder)
     except PriceError as e:
         return f'<p><b>No money is shown:</b> {escape(e)}</p>'
-    return f'<p class=soft>{escape(HOW)}</p>' if prices is None else _bill(prices, use)
+    goal = mapping(job.asked.get('goal'))
+    material = str(job.report.get('material') or goal.get('material') or '')
+    return f'<p class=soft>{escape(HOW)}</p>' if prices is None else _bill(prices, use, material)
 
 
-def _bill(prices: Prices, use: Use) -> str:
-    known, left_out = costs(prices, use)
+def _bill(prices: Prices, use: Use, material: str) -> str:
+    known, left_out = costs(prices, use, material)
     total = sum(money for _, money in known)
     unit = prices.currency
-    shown = [(f'{money:.2f} {unit}', what) for what, money in [*known, ('in all', total)]]
+    shown = [
+        (f'{money:.2f} {unit}', what)
+        for what, money in [*known, *([('in all', total)] if known else [])]
+    ]
     out = cards(shown)
     said = []
     if left_out:
         said.append(f'Not counted, for there is no price or no figure: {", ".join(left_out)}.')
-    if prices.new_part is not None:
+    if prices.new_part is not None and known:
         saved = prices.new_part - total
-        word = (
-            f'{saved:.2f} {prices.currency} less than'
-            if saved >= 0
-            else f'{-saved:.2f} {prices.currency} more than'
-        )
+        bound = ('at most ' if saved >= 0 else 'at least ') if left_out else ''
+        word = f'{bound}{abs(saved):.2f} {unit} {"less" if saved >= 0 else "more"} than'
         said.append(f'That is {word} a new part at {prices.new_part:.2f} {prices.currency}.')
     return out + (f'<p>{escape(" ".join(said))}</p>' if said else '')
 

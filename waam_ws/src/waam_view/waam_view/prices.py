@@ -7,29 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from waam_node import job_folder
+from waam_process.prices import PriceError, Prices
 from waam_process.safe_files import FileError, is_file, read_mapping
 
 LONGEST = 8  # characters of a currency
 HOW = (
     f'No prices are known. A file {job_folder.PRICES} in the folder of the jobs gives them: currency, wire_per_kg, '
-    'gas_per_l, energy_per_kwh, machine_per_h, new_part (any of them may be left out).'
+    'gas_per_hour, energy_per_kWh, machine_per_hour, labour_per_hour, new_part (any may be left out).'
 )
-
-
-@dataclass(frozen=True)
-class Prices:
-    """Money per unit; None = not given."""
-
-    currency: str
-    wire_per_kg: float | None = None
-    gas_per_l: float | None = None
-    energy_per_kwh: float | None = None
-    machine_per_h: float | None = None
-    new_part: float | None = None
-
-
-class PriceError(ValueError):
-    """A file of prices that is not understood; the text names file and field."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +23,7 @@ class Use:
 
     wire_kg: float
     gas_l: float
+    arc_h: float
     energy_kwh: float
     machine_h: float
 
@@ -61,35 +47,25 @@ def read_prices(file: Path) -> Prices:
     """PriceError for a field that is unknown or not a number of 0 or more, and without a currency."""
     try:
         given = read_mapping(file)
-    except FileError as e:
-        raise PriceError(str(e)) from None
-    names = set(Prices.__dataclass_fields__)
-    if unknown := sorted(str(k) for k in given if k not in names):
-        raise PriceError(
-            f'{file.name}: unknown: {", ".join(unknown)}; known: {", ".join(sorted(names))}'
-        )
-    currency = given.pop('currency', None)
+        found = Prices.parse(given)
+    except (FileError, PriceError) as e:
+        raise PriceError(f'{file.name}: {e}') from None
+    currency = given.get('currency')
     if not isinstance(currency, str) or not 0 < len(currency) <= LONGEST:
         raise PriceError(
             f'{file.name}: currency must be a word of at most {LONGEST} characters, such as EUR'
         )
-    for name, value in given.items():
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not 0 <= value < math.inf
-        ):
-            raise PriceError(f'{file.name}: {name} must be a number of 0 or more, not {value!r}')
-    return Prices(currency, **{k: float(v) for k, v in given.items()})
+    return found
 
 
-def costs(prices: Prices, use: Use) -> tuple[list[tuple[str, float]], list[str]]:
+def costs(prices: Prices, use: Use, material: str) -> tuple[list[tuple[str, float]], list[str]]:
     """((what, money) of each that has a price and an amount, names of those that have not)."""
     pairs = [
-        ('wire', prices.wire_per_kg, use.wire_kg),
-        ('shielding gas', prices.gas_per_l, use.gas_l),
-        ('energy of the arc', prices.energy_per_kwh, use.energy_kwh),
-        ('machine', prices.machine_per_h, use.machine_h),
+        ('wire', prices.wire(material), use.wire_kg),
+        ('shielding gas', prices.gas_per_hour, use.arc_h),
+        ('energy of the arc', prices.energy_per_kWh, use.energy_kwh),
+        ('machine', prices.machine_per_hour, use.machine_h),
+        ('labour', prices.labour, use.machine_h),
     ]
     known = [(what, p * n) for what, p, n in pairs if p is not None and math.isfinite(n)]
     return known, [what for what, p, n in pairs if p is None or not math.isfinite(n)]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from .canvas import BLUE, INK, RED, new_figure, png, style
-from .job_data import Job, find_value, number
+from .job_data import Job, interpass_limit
 
 ORANGE = '#e08a1e'
 _MAX_POINTS = 4000
@@ -57,7 +57,7 @@ def process_plots(job: Job) -> bytes:
         style(one, '', label)
         if len(lines) > 1:
             one.legend(fontsize=7, frameon=False, ncols=2, loc='upper right')
-    limit = number(find_value(job.asked, 'interpass_limit'))
+    limit = interpass_limit(job)
     if math.isfinite(limit):
         axes[-1].axhline(limit, color=INK, linewidth=1.0, linestyle='--')
         axes[-1].text(time[-1], limit, ' limit', fontsize=7, va='bottom', ha='right')

@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 from waam_process.loop_mode import LoopMode
 
 from .beads import arc_ends
-from .job_data import Job, Scan, find_value, number
+from .job_data import Job, Scan, find_value, interpass_limit, number
 
 COUNT = 3
 BEAD_WIDTH = 6e-3  # m, of a job that does not say its own
@@ -189,7 +189,7 @@ def _xy(place: object) -> tuple[float, float]:
 
 def _too_hot(job: Job, layer: int) -> list[str]:
     """Of the part when the layer began."""
-    limit = number(find_value(job.asked, 'interpass_limit'))
+    limit = interpass_limit(job)
     for record in job.layers:
         if (
             record.get('layer') == layer

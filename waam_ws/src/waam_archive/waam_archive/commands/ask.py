@@ -9,9 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.prices import Prices
 from waam_process.safe_files import read_yaml
 
-from ..figures import GROUPS, Prices, grouped, key_figures
+from ..figures import GROUPS, grouped, key_figures
 from ..metrics import METRICS
 from .common import Row, Verbs, add_filters, add_verb, opened, print_json, print_table, selection
 

@@ -28,12 +28,15 @@ static void move(waam_home_t *home, int32_t *steps, double target_mm_s, const wa
 
 #define BRAKE_MM 3.0 /* behind the home switch comes the limit switch */
 
+#define USUAL_MM_S2 500.0
+
 /* A lower acceleration brakes in no longer way, nor does a higher speed of homing. */
 static double seek_mm_s(const waam_config_t *config, int axis)
 {
     double most = fmin(config->home_seek_mm_s, config->max_speed_mm_s[axis]);
-    most = fmin(most, sqrt(2.0 * config->accel_most_mm_s2[axis] * BRAKE_MM));
-    return most * sqrt(fmin(1.0, config->accel_mm_s2[axis] / config->accel_most_mm_s2[axis]));
+    double accel = config->accel_mm_s2[axis];
+    most = fmin(most, sqrt(2.0 * fmax(accel, USUAL_MM_S2) * BRAKE_MM));
+    return most * sqrt(fmin(1.0, accel / USUAL_MM_S2));
 }
 
 static double range(const waam_config_t *config, int axis)

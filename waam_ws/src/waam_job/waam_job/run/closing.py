@@ -41,7 +41,7 @@ def release(context: JobContext, verdict: Verdict) -> None:
     _try(context, lambda: cell.command('DISARM'))
     _try(context, lambda: cell.record(False, context.record_folder))
     context.note_remarks()
-    _look_for_forecast(context)
+    _try(context, lambda: _look_for_forecast(context))
     _try(context, lambda: context.journal.report(verdict))
 
 

@@ -108,9 +108,11 @@ class JobRunner:
         while True:
             for layer in self.context.program.layers:
                 if layer.number >= first:
+                    believed = scan.plausible
                     scan = self.cycle.lay(layer, scan)
                     laid = self.cycle.history
-                    self.outlook.after(layer, scan, laid.surface, laid.growth, laid.skipped)
+                    before = laid.surface if believed else None
+                    self.outlook.after(layer, scan, before, laid.growth, laid.skipped)
             if not self.passes.next(scan):
                 return scan
 

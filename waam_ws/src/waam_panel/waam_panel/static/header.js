@@ -39,6 +39,7 @@ function left(j) {
 
 function showJob(j, setup, running, lost) {
   const state = j ? j.state : UNKNOWN, loaded = setup ? `loaded: ${setup.part}` : 'no part loaded';
+  if (state === 'PAUSED') told = '';  // the end moves on
   text('job-name', j && j.id && running ? j.id : loaded);
   const error = j && j.rms_mm !== null ? `, error ${fixed(j.rms_mm, 2)} mm` : '', bead = j && j.beads ? `bead ${j.bead}/${j.beads}, ` : '';
   const now = () => `${bead}${Math.round(100 * j.progress)} %, ${left(j)}${error}`;

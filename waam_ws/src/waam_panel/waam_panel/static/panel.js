@@ -37,7 +37,7 @@ function gain(change) {
 function bind() {
   $('stop-form').addEventListener('submit', (e) => { e.preventDefault(); stop(); });
   $('pause').addEventListener('click', pause);
-  $('start').addEventListener('click', () => { $('f-wire_left_m').value = ''; }); // another job finds less
+  $('start').addEventListener('click', () => { $('f-wire_left_m').value = ''; $('f-wire_left_m').dispatchEvent(new Event('input', { bubbles: true })); }); // another job finds less
   for (const name of ['arm', 'start', 'resume', 'home', 'zero', 'disarm', 'reset', 'rescan', 'skip_layer']) $(name).addEventListener('click', () => post(name));
   document.querySelectorAll('[data-over]').forEach((b) => b.addEventListener('click', () => override(b.dataset.over, Number(b.dataset.step))));
   document.querySelectorAll('[data-gain]').forEach((b) => b.addEventListener('click', () => gain(Number(b.dataset.gain))));

@@ -110,5 +110,5 @@ export function bindPrograms() {
   $('g-load').addEventListener('click', () => send('program/load', 190000));
   $('g-start').addEventListener('click', async () => text('g-note', (await post('program/start', {}, { patience: 130000 })).message));
   $('g-enqueue').addEventListener('click', () => send('queue_add', 20000));
-  bindUpload('g-upload', 'programs', async (name) => { await programs(); $('g-program').value = name; look(); });
+  bindUpload('g-upload', 'programs', async (name) => { await programs(); $('g-program').value = name; $('g-program').dispatchEvent(new Event('input', { bubbles: true })); look(); });
 }

@@ -54,5 +54,5 @@ export function bindSetup() {
   $('preview').addEventListener('click', preview);
   $('enqueue').addEventListener('click', () => { const data = form(); if (data) post('queue_add', { ...data, wire_left_m: null }); }); // what will be on it then is not known
   $('setup-form').addEventListener('submit', (e) => { e.preventDefault(); load(); });
-  bindUpload('f-upload', 'parts', async (name) => { await choices(); $('f-part').value = name; });
+  bindUpload('f-upload', 'parts', async (name) => { await choices(); $('f-part').value = name; $('f-part').dispatchEvent(new Event('input', { bubbles: true })); });
 }
