@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from bridge_cell import Cell
 from bridge_fake_controller import IDLE, FakeCore
@@ -9,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waam_bridge import commands, conversions, requests
-from waam_bridge.gantry import NAMES, differing, wanted
+from waam_bridge.gantry import MAX_STEP_RATE, NAMES, differing, wanted
 from waam_bridge.outbox import FAULT
 from waam_bridge.params import BridgeParams
 from waam_node.params import ParameterError, from_dict
@@ -18,7 +21,7 @@ LARGE = {
     'envelope_x': 3.0, 'envelope_y': 3.0, 'envelope_z': 2.0, 'max_speed_x': 0.5, 'max_speed_y': 0.5, 'rapid_speed': 0.5,
     'home_direction_y': 1, 'steps_per_mm_x': 150.0, 'steps_per_mm_y': 150.0,
 }  # fmt: skip
-PULSES = 77_000.0
+PULSES = float(MAX_STEP_RATE)
 
 
 class Large(FakeCore):
@@ -179,3 +182,9 @@ def test_older_firmware_is_refused_only_for_what_it_does_not_have():
     assert met(older, **LARGE).bridge.gantry.problem == ''
     cell = met(older, **LARGE, home_seek_speed=0.08)
     assert "does not tell the gantry's settings" in cell.bridge.gantry.problem
+
+
+def test_the_greatest_step_rate_is_that_of_the_firmware():
+    header = Path(__file__).parents[2] / 'waam_firmware/core/machine/waam_scale.h'
+    (rate,) = re.findall(r'#define WAAM_STEP_RATE_MOST ([\d.]+)', header.read_text())
+    assert float(rate) == MAX_STEP_RATE

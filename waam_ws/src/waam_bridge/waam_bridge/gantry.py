@@ -15,6 +15,8 @@ from .params import BridgeParams, CommonParams
 from .settings import ControllerSettings, Setting
 
 CALIBRATED = 0.05  # share by which calibrated steps per mm may differ from those of the parameters
+# of the controller, per second: 1 ms has room for so many (WAAM_STEP_RATE_MOST of the firmware)
+MAX_STEP_RATE = 77_000
 STEPS, SPEED, ENVELOPE = 'steps_per_mm_', 'max_speed_', 'envelope_'
 NAMES = tuple(f'{ENVELOPE}{a}' for a in 'xyz') + (
     'rapid_speed', 'max_accel_z', 'accel_limit_x', 'accel_limit_y', 'home_seek_speed', 'home_latch_speed',

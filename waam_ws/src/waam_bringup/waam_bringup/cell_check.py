@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from waam_adapt.thermal.params import ThermalParams
-from waam_bridge.gantry import CALIBRATED
+from waam_bridge.gantry import CALIBRATED, MAX_STEP_RATE
 from waam_bridge.params import BridgeParams
 from waam_bridge.pyrometer import PyrometerParams, address
 from waam_calibrate import results, store
@@ -45,8 +45,6 @@ NODES: dict[str, Any] = {
     'bridge': BridgeParams, 'scan_fusion': FusionParams, 'job_sequencer': JobParams,
     'thermal_compensator': ThermalParams, 'pyrometer': PyrometerParams,
 }  # fmt: skip
-# of the controller, per second: 1 ms has room for so many (waam_firmware/core/machine/waam_scale.h)
-MOST_STEPS = 77_000
 CALIBRATION = 'sensors.scanner.calibration'
 MOUNTING = tuple(f'sensors.scanner.{name}' for name in ('mount_mm', 'mount_deg', 'delay_ms'))
 
@@ -128,10 +126,10 @@ def _speeds(cell: CellFile) -> Iterator[str]:
     for axis in 'xyz':
         path = f'{AXES}{axis}.speed_mm_s'
         speed, steps = (cell.values.get(p) for p in (path, f'{AXES}{axis}.steps_per_mm'))
-        if speed and steps and speed * steps > MOST_STEPS:
+        if speed and steps and speed * steps > MAX_STEP_RATE:
             yield (
                 f'{cell.where(path)} is {speed:g} mm/s: with {steps:g} steps/mm {speed * steps:.0f} steps per second, '
-                f'above the limit {MOST_STEPS} of the controller'
+                f'above the limit {MAX_STEP_RATE} of the controller'
             )
 
 
