@@ -21,8 +21,8 @@ NODES = [(e, d['package'], d.get('name', e)) for e, d in load().items() if d.get
 DOMAIN = fresh_domain()
 
 
-def start(program: str, package: str, *arguments: str) -> subprocess.Popen:
-    environment = dict(os.environ, ROS_DOMAIN_ID=str(DOMAIN))
+def start(program: str, package: str, *arguments: str, domain: int = DOMAIN) -> subprocess.Popen:
+    environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
     command = [str(executable(package, program)), '--ros-args', *arguments]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -56,13 +56,19 @@ def test_starts_with_its_own_file_and_stops_cleanly(program, package, name, tmp_
     from waam_bringup.client import GraphClient
 
     file: Path = share(package) / 'config' / f'{name}.yaml'
-    node = start(program, package, '--params-file', str(file))
+    domain = fresh_domain()  # two programs have the name `cell`
+    node = start(program, package, '--params-file', str(file), domain=domain)
     try:
-        with GraphClient(DOMAIN) as client:
+        with GraphClient(domain) as client:
             up = client.until(lambda: name in client.node.get_node_names(), 40)
-            assert up, f'{name} did not appear'
     finally:
         node.send_signal(signal.SIGTERM)
-        output, _ = node.communicate(timeout=30)
+        try:
+            output, _ = node.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            node.send_signal(signal.SIGUSR1)  # where every thread is
+            node.kill()
+            output, _ = node.communicate()
+    assert up, f'{name} did not appear: {output}'
     assert node.returncode == 0, output
-    assert 'Traceback' not in output
+    assert 'Traceback' not in output, output

@@ -81,7 +81,7 @@ def values(panel, n: int) -> dict[str, object]:
 FIELDS = """() => {
   const key = (e) => {
     const parts = [];
-    for (; e && !e.id; e = e.parentElement) parts.unshift([...e.parentElement.children].indexOf(e));
+    for (; e?.parentElement && !e.id; e = e.parentElement) parts.unshift([...e.parentElement.children].indexOf(e));
     return `${e ? e.id : ''}/${parts.join('.')}`;
   };
   const found = {};

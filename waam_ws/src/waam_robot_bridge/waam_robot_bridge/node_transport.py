@@ -97,10 +97,9 @@ class RobotTransport:
                     self._stop.wait(RETRY)
                     continue
                 self._serve()
-        except (
-            Exception
-        ) as e:  # a defect: the node ends, the welding device's watchdog ends the arc
-            self._owner.on_crash(e)
+        except Exception as e:
+            if not self._stop.is_set():  # a defect: the node ends, the device's watchdog ends the arc
+                self._owner.on_crash(e)
 
     def _serve(self) -> None:
         controller = self._make()

@@ -86,9 +86,12 @@ class Cell(WaamNode):
     def _live(self) -> None:
         """The thread. An error in it is logged and ends the node."""
         try:
-            warm_up(self._plant.params)
-            self._connect()
+            warm_up(self._plant.params)  # seconds, where nothing is compiled yet
+            if not self._stop.is_set():
+                self._connect()
         except Exception:
+            if self._stop.is_set() or not self.context.ok():  # what it stood on is gone: the node ends
+                return
             self.get_logger().fatal(f'the simulation failed:\n{traceback.format_exc()}')
             rclpy.try_shutdown()
 

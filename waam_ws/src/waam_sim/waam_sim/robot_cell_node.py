@@ -11,7 +11,6 @@ import sys
 import time
 
 import numpy as np
-from rclpy._rclpy_pybind11 import RCLError
 
 from waam_node.node import OK
 from waam_node.node import main as run_node
@@ -76,12 +75,7 @@ class RobotCell(Cell):
         due = time.monotonic()
         sys.setswitchinterval(SWITCH_INTERVAL)
         while not self._stop.is_set():
-            try:
-                self._step(robot, controller, welder)
-            except RCLError:  # the context ends before this thread does
-                if not self.context.ok():
-                    return
-                raise
+            self._step(robot, controller, welder)
             self._wait_for(welder)
             pace = self.params.pace
             due += STEP_MS * 1e-3 / (min(pace, 1.0) if welder.alone else pace)
