@@ -98,8 +98,9 @@ class RobotTransport:
                     continue
                 self._serve()
         except Exception as e:
-            if not self._stop.is_set():  # a defect: the node ends, the device's watchdog ends the arc
-                self._owner.on_crash(e)
+            if self._stop.is_set():
+                return  # the node ends, and what this stood on is gone
+            self._owner.on_crash(e)  # a defect: the node ends, the device's watchdog ends the arc
 
     def _serve(self) -> None:
         controller = self._make()

@@ -90,8 +90,8 @@ class Cell(WaamNode):
             if not self._stop.is_set():
                 self._connect()
         except Exception:
-            if self._stop.is_set() or not self.context.ok():  # what it stood on is gone: the node ends
-                return
+            if self._stop.is_set() or not self.context.ok():
+                return  # the node ends, and what this stood on is gone
             self.get_logger().fatal(f'the simulation failed:\n{traceback.format_exc()}')
             rclpy.try_shutdown()
 
