@@ -294,6 +294,25 @@ def make_cell(parts):
 
 
 @pytest.fixture
+def pit_after():
+    """pit_after(cell, layers, depth): the surface sinks by `depth` (m) within 3 mm of the middle of the part whenever
+    one of these layers has been laid."""
+
+    def attach(cell: FakeCell, layers, depth: float = 1.2e-3) -> None:
+        inner = cell.finish_scan
+
+        def finish_scan(scan_id, until):
+            if scan_id in layers:
+                x, y = np.meshgrid(cell.surface.spec.x, cell.surface.spec.y)
+                cell.surface.z[np.hypot(x - 0.020, y - 0.015) < 3e-3] -= depth
+            return inner(scan_id, until)
+
+        cell.finish_scan = finish_scan
+
+    return attach
+
+
+@pytest.fixture
 def make_runner(parts, tmp_path):
     """make_runner(cell, settings={fields of Settings}, **goal fields) -> (runner, control, folder).
 

@@ -314,6 +314,22 @@ CUTS = {
 }
 
 
+MACHINED = ('finish=machined', 'finish_height=0.00115')
+
+
+def test_a_job_that_was_cut_off_in_a_top_up_goes_on_there(pit_after, make_cell, make_runner):
+    planned = make_runner(make_cell(), plan_settings=MACHINED)[0].run().layers
+    cell = make_cell()
+    pit_after(cell, [planned])
+    runner, _, folder = make_runner(cell, plan_settings=MACHINED)
+    cut_during(State.DEPOSITING, planned + 1)(cell)
+    run_until_cut(runner)
+    again, _, status = go_on(make_cell, runner, folder, cell)
+    assert status.state == State.DONE and again.in_tolerance, status.message
+    assert [p['layers'] for p in passes_of(folder)][0] == planned
+    assert status.layers > planned and status.pass_number > 1
+
+
 EQUAL = ('finish_layers=0',)  # layers of one thickness: one for the first pass, one for the second
 
 

@@ -43,11 +43,9 @@ def reach(rest: np.ndarray) -> np.ndarray:
     return WITHIN_REACH * rest
 
 
-def lost(error: np.ndarray, rest: np.ndarray, tolerance: float, machined: bool) -> np.ndarray:
-    """bool: where the error stays beyond the tolerance whatever the layers to come do. machined: what is too high comes
-    off, what is too low by more than is to be machined off (`tolerance`) stays."""
-    size = -error if machined else np.abs(error)
-    out: np.ndarray = size > tolerance + reach(rest)
+def lost(error: np.ndarray, rest: np.ndarray, tolerance: float) -> np.ndarray:
+    """bool: where the error stays beyond the tolerance whatever the layers to come do."""
+    out: np.ndarray = np.abs(error) > tolerance + reach(rest)
     return out
 
 

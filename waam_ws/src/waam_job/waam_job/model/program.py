@@ -101,12 +101,17 @@ class Program:
     @property
     def here(self) -> int:
         """Layers that this pass lays."""
-        return math.ceil(len(self.current.layers) / (self.passes - self.pass_number + 1))
+        return math.ceil(len(self.current.layers) / max(1, self.passes - self.pass_number + 1))
 
     @property
     def last_pass(self) -> bool:
         """No pass follows the one that is being laid."""
         return self.pass_number >= self.passes
+
+    @property
+    def top_ups(self) -> int:
+        """Passes beyond those that were asked for: top-up layers where a machined part does not clean up."""
+        return max(0, self.pass_number - self.passes)
 
     @property
     def layers(self) -> list[PlannedLayer]:
@@ -138,6 +143,14 @@ class Program:
         if i < len(layers):
             return layers[i].target_before
         return self.current.final_target
+
+    @property
+    def final_target(self) -> np.ndarray:
+        """Surface that the job ends at, (rows, cols) m, NaN = do not care: that of pass 1, and of top-ups."""
+        out = self.first.final_target
+        for plan in self._plans[self.passes :]:
+            out = np.where(np.isnan(out), out, np.fmax(out, plan.final_target))
+        return out
 
     def built_height(self, number: int) -> float:
         """Highest wanted point after `number` layers, m; 0 before the first."""

@@ -11,6 +11,8 @@ import numpy as np
 from waam_plan import finish, masks
 from waam_plan.plan import Plan
 
+TOP_UP_BELOW = 0.05e-3  # m above nominal, lower places are topped up: a scan's noise
+
 
 @dataclass(frozen=True)
 class Stock:
@@ -56,6 +58,12 @@ class Stock:
 def needed_area(plan: Plan) -> np.ndarray:
     """bool (rows, cols) of the plan's grid: where the part as found lacks metal."""
     return finish.needed_area(plan.as_found, plan.nominal)
+
+
+def low_places(plan: Plan, z: np.ndarray) -> np.ndarray:
+    """bool (rows, cols): needed and lower than TOP_UP_BELOW above nominal. z: (rows, cols) m, of the last scan; plan:
+    that of the first pass. What was not seen counts as low."""
+    return needed_area(plan) & ~(z - plan.nominal.z >= TOP_UP_BELOW)
 
 
 def stock_of(plan: Plan, z: np.ndarray) -> Stock:

@@ -50,8 +50,8 @@ class Outlook:
         operator left the layer out, and knows what will be missing."""
         self._told_lost |= skipped
         context, program = self.context, self.context.program
-        if context.goal.loop_mode != LoopMode.CLOSED_LOOP or not scan.plausible:
-            return
+        if context.goal.loop_mode != LoopMode.CLOSED_LOOP or not scan.plausible or program.top_ups:
+            return  # of top-ups there are few, and where they lie has nothing to compare with
         error = scan.map.z - program.target_after(layer.number)
         on = program.current.interior & (layer.planned > 0) & np.isfinite(error)
         if not on.any():
@@ -111,13 +111,12 @@ class Outlook:
 
     def _lost(self, layer: PlannedLayer, error: np.ndarray, on: np.ndarray) -> str:
         context, program = self.context, self.context.program
-        if self._told_lost or not program.last_pass:  # a further pass plans what is missing anew
-            return ''
         plan, rest = program.current, program.metal_after(layer.number)
-        machined = plan.settings.finish == finish.MACHINED
-        allowed = plan.settings.allowance if machined else context.goal.tolerance
+        more = not program.last_pass or plan.settings.finish == finish.MACHINED
+        if self._told_lost or more:  # a further pass or a top-up lays what is missing
+            return ''
         judged = plan.interior & np.isfinite(error)
-        out = judged & outlook.lost(error, rest, allowed, machined)
+        out = judged & outlook.lost(error, rest, context.goal.tolerance)
         if not outlook.too_much(out, judged, context.settings.share_in_tolerance):
             return ''
         self._told_lost = True

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from waam_plan.fill.linking import arc_starts
+from waam_plan.finish import MACHINED
 from waam_plan.plan import Plan
+from waam_process.loop_mode import LoopMode
 
 from ..model.cell import Scan
 from ..model.goal import Code, JobError
 from ..model.program import deviation_of
+from ..model.stock import low_places, stock_of
 from .context import JobContext
 from .planning import check_ground, make_plan, wire_problems
+
+MAX_TOP_UPS = 2  # what two of them do not bring above nominal, a third does not either
 
 
 class Passes:
@@ -32,15 +39,44 @@ class Passes:
             check_ground(self.program.current, scan.map)
 
     def next(self, scan: Scan) -> bool:
-        """Plans what the scan finds missing. False when this was the last pass or nothing is missing."""
+        """Plans what the scan finds missing. False when this was the last pass or nothing is missing.
+
+        A part that is machined afterwards and does not clean up is topped up: a pass on what is below nominal.
+        """
         done = self.program.done_after_pass
-        if self.program.last_pass or (self.goal.layers and done >= self.goal.layers):
+        if self.goal.layers and done >= self.goal.layers:
             return False
+        if self.program.last_pass:
+            return self._top_up(scan, done)
         self.measured(scan, done)
         plan = self._plan(scan)
         if not plan.layers:
             self.journal.note('INFO', 'height', 'nothing is missing any more', 'pass left out')
             return False
+        self.add(plan)
+        return True
+
+    def _top_up(self, scan: Scan, done: int) -> bool:
+        """Plans metal for what is below nominal; False where the part cleans up, or no more can be done."""
+        first, number = self.program.first, self.program.top_ups + 1
+        if first.settings.finish != MACHINED or self.goal.loop_mode != LoopMode.CLOSED_LOOP:
+            return False
+        if number > MAX_TOP_UPS or not scan.plausible:
+            return False
+        stock = stock_of(first, scan.map.z)
+        if stock.cleans_up:
+            return False
+        try:
+            plan = self._plan(scan, low_places(first, scan.map.z))
+        except JobError as e:  # the part is laid: it is judged as it is
+            self.journal.note('WARNING', 'height', f'{stock.text}; {e}', 'no top-up')
+            return False
+        if not plan.layers:
+            text = f'{stock.text}; too narrow for a bead'
+            self.journal.note('WARNING', 'height', text, 'no top-up')
+            return False
+        self.measured(scan, done)
+        self.journal.note('INFO', 'height', stock.text, f'top-up {number} there')
         self.add(plan)
         return True
 
@@ -58,8 +94,9 @@ class Passes:
             self.journal.plan(plan, self.program.pass_number)
         status = self.journal.status
         status.layers, status.pass_number = self.program.total, self.program.pass_number
+        status.passes = max(status.passes, status.pass_number)
 
-    def _plan(self, scan: Scan) -> Plan:
+    def _plan(self, scan: Scan, low: np.ndarray | None = None) -> Plan:
         laid = self.program.layers if self.program.planned else []
         below = arc_starts(laid[-1].segments) if laid else None
         plan = self.ahead or make_plan(
@@ -68,6 +105,7 @@ class Passes:
             scan.map,
             laid=self.program.offset + len(laid),
             below=below,
+            low=low,
         )
         if short := wire_problems(plan.wire, self.journal.wire_left):
             raise short[0]

@@ -10,7 +10,7 @@ import numpy as np
 from waam_plan.agreement import check
 from waam_plan.import_gcode.plan_of import plan_program
 from waam_plan.layers.build import plan_build
-from waam_plan.layers.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration, plan_top_up
 from waam_plan.mesh.surface import top_surface
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.settings import PlanSettings
@@ -29,10 +29,12 @@ def make_plan(
     found: HeightGrid,
     laid: int = 0,
     below: np.ndarray | None = None,
+    low: np.ndarray | None = None,
 ) -> Plan:
     """What is to be laid on the surface `found`, when `laid` layers of the job lie there already.
 
-    below: (n, 2) m, arc starts of the last of them. JobError when it cannot be planned.
+    below: (n, 2) m, arc starts of the last of them; low: bool (rows, cols), what of a machined restoration is to be
+    topped up, None = all of it is planned. JobError when it cannot be planned.
     """
     part, goal = checked.part, checked.goal
     try:
@@ -52,6 +54,8 @@ def make_plan(
             return plan_build(part, settings, goal.layers, found.spec)
         nominal = top_surface(part.mesh, found.spec, checked.offset)
         check(found, nominal, settings, bottom=0.0)
+        if low is not None:
+            return plan_top_up(found, nominal, settings, low, laid, below)
         wanted = max(1, goal.layers - laid) if goal.layers else 0
         return plan_restoration(found, nominal, settings, wanted, laid, below)
     except ValueError as e:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -100,7 +101,7 @@ class ResumeRun:
 
     def _load_plans(self, number: int) -> None:
         """The passes that were planned up to layer `number`."""
-        for p in range(1, self.program.passes + 1):
+        for p in count(1):
             file = self.folder.path / job_folder.plan(p)
             finished = self.program.planned and number <= self.program.done_after_pass
             if finished or not file.exists():

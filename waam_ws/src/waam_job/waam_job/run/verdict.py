@@ -20,7 +20,7 @@ from .context import JobContext
 def judge(context: JobContext, scan: Scan) -> Verdict:
     """Judges by the region and the surface of the first plan, however many passes there were, and keeps the map."""
     first, goal, journal = context.program.first, context.goal, context.journal
-    target = first.final_target
+    target = context.program.final_target
     journal.scan(context.program.layers[-1].number, scan, first, target)
     wanted = np.isfinite(target)
     counts = tolerance_map.write(

@@ -26,6 +26,7 @@ from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
 WALL = 1.0e-3  # m to the side of a wall, within which a height says nothing about the metal
+MIN_TOP_UP = 1.5  # least thickness of a top-up over that of the thinnest layer
 SPOT = 2e-6  # m2, smaller places are no places
 
 
@@ -53,52 +54,90 @@ def plan_restoration(
     smooth = _smooth(found, nominal, settings)
     needed = finish.needed_area(as_found, nominal)
     settings, above, remarks = _finished(needed, nominal, settings)
-    if settings.finish == finish.MACHINED:
-        aside = finish.edges(needed, nominal).warning
-        warnings += [aside] if aside else []
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
-        cells = math.ceil(finish.RUN_OUT_WIDTHS * settings.bead_width / nominal.spec.resolution)
-        near = finish.with_run_out(needed, nominal.z, cells)
+        aside = finish.edges(needed, nominal).warning
+        warnings += [aside] if aside else []
+        near = _with_run_out(needed, nominal, settings)
         depth = np.where(near | np.isnan(depth), depth, 0.0)
-    schedule = choose_schedule(depth, settings)
-    count = layer_count(depth, schedule, settings, nominal.spec.resolution)
-    total = int(count.max(initial=0))
+    job = _Restoration.of(as_found, nominal, settings, found, smooth, wanted, depth, laid)
+    total = int(job.count.max(initial=0))
     if layers > total:
         warnings.append(f'{layers} layers were asked for, {total} are needed')
     use = min(layers, total) if layers else total
-    safe_z = highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance
-    job = _Restoration(
-        spec=nominal.spec, count=count, schedule=schedule, wanted=wanted, found=found, smooth=smooth,
-        standing=as_found.z, safe_z=safe_z, laid=laid, settings=settings,
-    )  # fmt: skip
-    below = np.zeros((0, 2)) if below is None else below
-    with collector_paused():
-        planned, filled = _layers(job, total, use, below)
-    region = np.any([p.footprint for p in planned], axis=0) if planned else count > 0
-    res = nominal.spec.resolution
+    planned, filled = _layers(job, total, use, below)
     _warn(job, planned, use == total, nominal, warnings)
-    left = finish.unlaid(needed, region, nominal.z - found, nominal.spec)
+    plan = _plan(job, planned, as_found, nominal, below, warnings)
+    left = finish.unlaid(needed, plan.region, nominal.z - found, nominal.spec)
     if left.area > SPOT:
         warnings.append(left.text)
-    starts = [below, *(arc_starts(p.segments) for p in planned)]
+    plan.remarks.extend([*_remarks(job.schedule, filled, settings), *remarks])
+    return plan
+
+
+def plan_top_up(
+    surface: HeightGrid,
+    nominal: HeightGrid,
+    settings: PlanSettings,
+    low: np.ndarray,
+    laid: int,
+    below: np.ndarray | None,
+) -> Plan:
+    """Plan what brings the cells `low` (bool) of a restored surface above nominal: beads on them and the run-out around
+    them, MIN_TOP_UP thick at least, over free sides as those of the layers before. Surfaces, `laid`, `below` and errors
+    as of `plan_restoration`; the settings have finish machined. No layers: too narrow for a bead."""
+    warnings: list[str] = []
+    found = _known_surface(surface, nominal, settings, warnings)
+    smooth = _smooth(found, nominal, settings)
+    settings, above, _ = _finished(low, nominal, settings)
+    near = _with_run_out(low, nominal, settings)
+    thin = MIN_TOP_UP * settings.min_layer * (finish_height(settings) or settings.layer_height)
+    wanted = nominal.z + above
+    wanted = np.where(near, np.fmax(wanted, smooth + thin), wanted)
+    depth = np.where(near | np.isnan(wanted), wanted - smooth, 0.0)
+    job = _Restoration.of(surface, nominal, settings, found, smooth, wanted, depth, laid)
+    total = int(job.count.max(initial=0))
+    planned, _ = _layers(job, total, total, below)
+    return _plan(job, planned, surface, nominal, below, warnings)
+
+
+def _plan(
+    job: _Restoration,
+    planned: list[PlannedLayer],
+    as_found: HeightGrid,
+    nominal: HeightGrid,
+    below: np.ndarray | None,
+    warnings: list[str],
+) -> Plan:
+    """The plan of these layers; `warnings` is kept and added to. PlanError when the machine cannot reach."""
+    settings, res = job.settings, job.spec.resolution
+    region = np.any([p.footprint for p in planned], axis=0) if planned else job.count > 0
+    starts = [_starts(below), *(arc_starts(p.segments) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
-    plan = Plan(
-        nominal.spec,
+    judged = masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
+    check_reach([s for layer in planned for s in layer.segments], settings)
+    return Plan(
+        job.spec,
         as_found,
         nominal,
         region,
-        masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
-        & ~masks.flanks(wanted, res),
+        judged & ~masks.flanks(job.wanted, res),
         planned,
-        safe_z,
+        job.safe_z,
         settings,
         warnings=warnings,
-        remarks=[*_remarks(schedule, filled, settings), *remarks],
     )
-    check_reach([s for layer in planned for s in layer.segments], settings)
-    return plan
+
+
+def _starts(below: np.ndarray | None) -> np.ndarray:
+    return np.zeros((0, 2)) if below is None else below
+
+
+def _with_run_out(needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings) -> np.ndarray:
+    """bool: the needed area of a machined finish and the metal around it."""
+    cells = math.ceil(finish.RUN_OUT_WIDTHS * settings.bead_width / nominal.spec.resolution)
+    return finish.with_run_out(needed, nominal.z, cells)
 
 
 def _known_surface(
@@ -162,18 +201,47 @@ class _Restoration:
     laid: int  # layers below the first one
     settings: PlanSettings
 
+    @classmethod
+    def of(
+        cls,
+        as_found: HeightGrid,
+        nominal: HeightGrid,
+        settings: PlanSettings,
+        found: np.ndarray,
+        smooth: np.ndarray,
+        wanted: np.ndarray,
+        depth: np.ndarray,
+        laid: int,
+    ) -> _Restoration:
+        """depth: (rows, cols) m of metal, NaN off the part; as_found: whatever was scanned."""
+        schedule = choose_schedule(depth, settings)
+        return cls(
+            spec=nominal.spec,
+            count=layer_count(depth, schedule, settings, nominal.spec.resolution),
+            schedule=schedule,
+            wanted=wanted,
+            found=found,
+            smooth=smooth,
+            standing=as_found.z,
+            safe_z=highest(as_found, HeightGrid(nominal.spec, wanted)) + settings.clearance,
+            laid=laid,
+            settings=settings,
+        )
+
 
 def _layers(
-    job: _Restoration, total: int, use: int, below: np.ndarray
+    job: _Restoration, total: int, use: int, below: np.ndarray | None
 ) -> tuple[list[PlannedLayer], list[str]]:
     """The layers from the bottom, and the strategy that each is filled with."""
     planned: list[PlannedLayer] = []
     filled: list[str] = []
-    for number in range(1, use + 1):
-        layer, strategy = _layer(job, number, total - number + 1, below)
-        planned.append(layer)
-        filled.append(strategy)
-        below = arc_starts(layer.segments)
+    starts = _starts(below)
+    with collector_paused():
+        for number in range(1, use + 1):
+            layer, strategy = _layer(job, number, total - number + 1, starts)
+            planned.append(layer)
+            filled.append(strategy)
+            starts = arc_starts(layer.segments)
     return planned, filled
 
 
