@@ -1,11 +1,12 @@
-"""waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them. On the robot
-also closed loop on the gantry, beside it."""
+"""waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them; then a part
+that is machined afterwards, with its forecast. On the robot also closed loop on the gantry, beside it."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import subprocess
 import sys
 import time
 from datetime import UTC, datetime
@@ -31,6 +32,8 @@ from .paths import jobs_dir, share
 from .progress import JobProgress
 
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
+MACHINED = 'die_nominal.stl', 'die_worn.stl'  # nominal and worn part of the second job
+FORECAST_CELLS = 4  # that its forecast runs on
 # simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
 ROBOT_RATE = 10.0
 
@@ -64,19 +67,52 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
     zero = None
     with graph(settings, default_domain(folder)) as (_, client):
         results = {p: _one(client, args, folder, p, settings.run) for p in args.loop_modes}
+        second = _second(client, args, folder, settings.run) if _is_whole(args) else None
         if client.machine is not None:
             offset = client.machine.work_offset
             zero = (offset.x, offset.y, offset.z)
     beside = _gantry(args, folder) if _has_gantry(args) else None
-    report = combine(folder, results, args.machine, zero, beside, args.preset)
+    report = combine(folder, results, args.machine, zero, beside, args.preset, second)
     point_latest(jobs, folder.name)
     page = _page(folder)
     show(report, console, time.monotonic() - started)
     if said := _outcome(report):
         print(said)
+    if second is not None:
+        print(_said_of(report['second'], folder))
     print(f'folder: {os.path.relpath(folder)}\nreport: {os.path.relpath(page)}')
-    failed = [p for p in args.loop_modes if report[p]['error_code']]
-    return 1 if failed else 0
+    runs = [report[p] for p in (*args.loop_modes, 'second') if p in report]
+    return 1 if any(run['error_code'] for run in runs) else 0
+
+
+def _is_whole(args: argparse.Namespace) -> bool:
+    """Whether this demo shows all that it has: both loop modes, all layers, the gantry."""
+    both = {LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP} <= set(args.loop_modes)
+    return both and args.machine == GANTRY and not args.layers
+
+
+def _second(client: GraphClient, args: argparse.Namespace, folder: Path, run: Path) -> Path:
+    """The part that is machined afterwards: its forecast, then its job; the folder of the job."""
+    parts = share('waam_bringup') / 'parts'
+    nominal, worn = (parts / name for name in MACHINED)
+    command = [
+        *(sys.executable, '-m', 'waam_bringup.cli', 'forecast', str(nominal), '--as-found', str(worn)),
+        *('--finish', 'machined', '--preset', args.preset, '--material', DEFAULT_MATERIAL),
+        *('--cells', str(FORECAST_CELLS)),
+    ]  # fmt: skip
+    with Console(stderr=True).status(f'forecast of {MACHINED[0]}'):
+        told = subprocess.run(
+            command, capture_output=True, text=True, env={**os.environ, 'WAAM_JOBS': str(folder)}
+        )
+    if told.returncode > 1:  # refused: the job runs without it, and says so
+        print(f'{MACHINED[0]}: no forecast: {told.stderr.strip()}', file=sys.stderr)
+    return _one(client, args, folder, LoopMode.CLOSED_LOOP, run, 'machined', MACHINED)
+
+
+def _said_of(second: dict, folder: Path) -> str:
+    """Of the part that is machined afterwards: verdict, figures and where its page is."""
+    page = os.path.relpath(folder / second['folder'] / job_folder.REPORT_PAGE)
+    return f'{MACHINED[0]}, machined afterwards: {second["message"]}\n  its report: {page}'
 
 
 def _has_gantry(args: argparse.Namespace) -> bool:
@@ -100,11 +136,15 @@ def _one(
     loop_mode: str,
     run: Path,
     name: str = '',
+    files: tuple[str, str] = (PART, WORN),
 ) -> Path:
+    """A job on the worn one of `files`; those of another part are laid for machining."""
     parts = share('waam_bringup') / 'parts'
-    client.load_part(str((parts / WORN).resolve()), (0.0, 0.0, 0.0), args.seed)
+    part, worn = files
+    client.load_part(str((parts / worn).resolve()), (0.0, 0.0, 0.0), args.seed)
     words = [
-        str(parts / PART), '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
+        *(['--finish', 'machined'] if part != PART else []),
+        str(parts / part), '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
         '--layers', str(args.layers), '--operator', 'waam demo', '--wire-lot', 'simulated', '--gas', 'simulated',
         '--material', DEFAULT_MATERIAL,
         '--note', f'seed={args.seed}', '--note', f'preset={args.preset}', *(['--fresh'] if args.fresh else []),
@@ -139,9 +179,10 @@ def combine(
     work_zero: tuple[float, float, float] | None = None,
     beside: Path | None = None,
     preset: str = '',
+    second: Path | None = None,
 ) -> dict:
     """The demo's report.json: both runs, their ratio and the machine (docs/job_folder.md). work_zero: m; beside: folder
-    of the closed loop on the gantry; preset: of the simulated cell."""
+    of the closed loop on the gantry; preset: of the simulated cell; second: folder of the part that is machined."""
     runs, last = {}, {}
     for loop_mode, path in results.items():
         last = json.loads((path / job_folder.REPORT).read_text())
@@ -172,6 +213,13 @@ def combine(
     if beside is not None:
         run = json.loads((beside / job_folder.REPORT).read_text())[LoopMode.CLOSED_LOOP]
         report[GANTRY] = {**run, 'folder': beside.name}
+    if second is not None:
+        last = json.loads((second / job_folder.REPORT).read_text())
+        report['second'] = {
+            **last[LoopMode.CLOSED_LOOP],
+            'part': last['part'],
+            'folder': second.name,
+        }
     write_atomically(folder / job_folder.REPORT, json.dumps(report, indent=1))
     return report
 

@@ -37,7 +37,7 @@ LOG_DEPTH_SIGMA = 0.25  # standard deviation of the logarithm of that depth
 SIDE_EXTRA = 0.6e-3  # m more along free sides, where melt runs down; fades out within
 SIDE_FADE = 3.0e-3  # m of them
 EDGE = 0.5e-3  # m along free sides that stay low now and then, whatever is aimed at
-EDGE_LOW = 0.045  # share of them that lies below nominal, median over jobs
+EDGE_LOW = 0.03  # share of them that lies below nominal after top-ups, median over jobs
 LOG_EDGE_SIGMA = 0.9  # standard deviation of the logarithm of that share
 
 

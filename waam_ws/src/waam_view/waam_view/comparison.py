@@ -38,11 +38,27 @@ def comparison_page(folder: Path, jobs: list[Job], machines: str = '') -> str:
         *(loop_summary(j) for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP),
         _maps(jobs),
         machines,
+        _second(report),
         _table_of_runs(jobs),
         _rms_by_layer(jobs),
         _links(folder, jobs),
     ]
     return page(f'{name}: comparison', '\n'.join(parts))
+
+
+def _second(report: dict) -> str:
+    """The part of a demo that is machined afterwards; '' without one."""
+    run = report.get('second')
+    if not isinstance(run, dict):
+        return ''
+    word = str(run.get('verdict') or 'failed').partition(': ')[0]
+    link = escape(f'{run.get("folder")}/{job_folder.REPORT_PAGE}')
+    said = escape(str(run.get('message') or ''))
+    return (
+        f'<h2>A part that is machined afterwards</h2><p>{escape(str(run.get("part") or ""))}, closed loop, finish '
+        f'machined: <b class={VERDICTS.get(word, "bad")}>{escape(word)}</b>. {said}. '
+        f'<a href="{link}">Its report</a> has the forecast beside the outcome and what is left to machine.</p>'
+    )
 
 
 def ratio(report: dict, jobs: list[Job]) -> float:

@@ -16,7 +16,7 @@ from ..model.stock import low_places, stock_of
 from .context import JobContext
 from .planning import check_ground, make_plan, wire_problems
 
-MAX_TOP_UPS = 2  # what two of them do not bring above nominal, a third does not either
+MAX_TOP_UPS = 2  # what they do not bring above nominal, a third does not either
 
 
 class Passes:

@@ -85,7 +85,7 @@ def plan_top_up(
     below: np.ndarray | None,
 ) -> Plan:
     """Plan what brings the cells `low` (bool) of a restored surface above nominal: beads on them and the run-out around
-    them, MIN_TOP_UP thick at least, over free sides as those of the layers before. Surfaces, `laid`, `below` and errors
+    them, MIN_TOP_UP thick at least, over free sides as those of the layers before, but not on humps. Surfaces, `laid`, `below` and errors
     as of `plan_restoration`; the settings have finish machined. No layers: too narrow for a bead."""
     warnings: list[str] = []
     found = _known_surface(surface, nominal, settings, warnings)
@@ -94,6 +94,7 @@ def plan_top_up(
     near = _with_run_out(low, nominal, settings)
     thin = MIN_TOP_UP * settings.min_layer * (finish_height(settings) or settings.layer_height)
     wanted = nominal.z + above
+    near &= low | ~(smooth > wanted + thin)  # no hump grows on one
     wanted = np.where(near, np.fmax(wanted, smooth + thin), wanted)
     depth = np.where(near | np.isnan(wanted), wanted - smooth, 0.0)
     job = _Restoration.of(surface, nominal, settings, found, smooth, wanted, depth, laid)
