@@ -9,7 +9,7 @@ import pytest
 
 from waam_plan import finish
 from waam_plan.layers.build import plan_build
-from waam_plan.layers.restore import plan_restoration
+from waam_plan.layers.restore import plan_restoration, plan_top_up
 from waam_plan.mesh.part import load_part
 from waam_plan.mesh.stl import read_stl, stl_of
 from waam_plan.plan import PlanError
@@ -121,7 +121,7 @@ def test_a_thin_part_between_free_sides_is_said_not_to_clean_up(worn_block):
     size = np.isfinite(nominal.z[row]).sum(), np.isfinite(nominal.z[:, found.spec.cols // 2]).sum()
     assert wide.share == pytest.approx(2 * (size[0] + size[1] - 2) / (size[0] * size[1]), rel=0.1)
     assert not wide.warning
-    wall = np.where(abs(y - y[row, 0]) < 4e-3, nominal.z, np.nan)
+    wall = np.where(abs(y - y[row, 0]) < 2.3e-3, nominal.z, np.nan)
     thin = HeightGrid(nominal.spec, wall)
     plan = plan_restoration(HeightGrid(found.spec, wall - 0.002), thin, S)
     (told,) = [w for w in plan.warnings if 'will not clean up' in w]
@@ -166,3 +166,33 @@ def test_heights_become_an_stl_that_is_open_where_nothing_was_seen(worn_block):
     assert corners.shape == (2 * squares, 3, 3) and np.allclose(corners[..., 2], 30.0)
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
     assert (up > 0).all()
+
+
+def restored(worn_block, low):
+    """A block 0.7 mm above nominal but for `low`(x, y), where it is 0.2 mm below it."""
+    found, nominal = worn_block(dished)
+    x, y = np.meshgrid(nominal.spec.x, nominal.spec.y)
+    cells = low(x, y) & np.isfinite(nominal.z)
+    z = np.where(cells, nominal.z - 0.2e-3, nominal.z + 0.7e-3)
+    return replace(found, z=np.where(np.isfinite(nominal.z), z, found.z)), nominal, cells, x, y
+
+
+def test_a_top_up_lays_a_bead_on_what_is_low_and_around_it(worn_block):
+    surface, nominal, low, x, y = restored(
+        worn_block, lambda x, y: np.hypot(x - 0.030, y - 0.020) < 1e-3
+    )
+    plan = plan_top_up(surface, nominal, S, low, 4, None)
+    assert len(plan.layers) == 1 and plan.region[low].all() and not plan.warnings
+    away = np.hypot(x - 0.030, y - 0.020)
+    assert (away[plan.region] < 1e-3 + 0.5 * S.bead_width + 1e-3).all()
+    assert plan.layers[0].planned[low].min() > 0.2e-3
+    assert (plan.final_target[low] > nominal.z[low]).all()
+
+
+def test_a_top_up_along_a_free_side_runs_over_it_and_leaves_humps_alone(worn_block):
+    surface, nominal, low, x, y = restored(worn_block, lambda x, y: y < 0.4e-3)
+    hump = (x < 0.020) & ~low
+    surface.z[hump & np.isfinite(nominal.z)] += 3e-3
+    plan = plan_top_up(surface, nominal, S, low, 4, None)
+    assert plan.region[low & (x > 0.024)].mean() > 0.9 and not plan.region[hump].any()
+    assert min(s.start[1] for s in plan.layers[0].deposits) < 2e-3

@@ -85,8 +85,11 @@ def plan_top_up(
     below: np.ndarray | None,
 ) -> Plan:
     """Plan what brings the cells `low` (bool) of a restored surface above nominal: beads on them and the run-out around
-    them, MIN_TOP_UP thick at least, over free sides as those of the layers before, but not on humps. Surfaces, `laid`, `below` and errors
-    as of `plan_restoration`; the settings have finish machined. No layers: too narrow for a bead."""
+    them, MIN_TOP_UP thick at least, over free sides as those of the layers before, but not on humps.
+
+    Surfaces, `laid`, `below` and errors as of `plan_restoration`; the settings have finish machined. No layers: too
+    narrow for a bead.
+    """
     warnings: list[str] = []
     found = _known_surface(surface, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
