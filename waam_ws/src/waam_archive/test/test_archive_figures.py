@@ -88,23 +88,15 @@ PATTERNS = {  # z values that break exactly this rule, and where
 @pytest.mark.parametrize('rule', PATTERNS)
 def test_a_rule_names_its_pattern_and_no_other_does(rule):
     z, at = PATTERNS[rule]
-    found = {s.rule: s.points for s in signals(np.array(z), 0.0, 1.0, 'nelson')}
+    found = {s.rule: s.points for s in signals(np.array(z), 0.0, 1.0)}
     assert found == {rule: (at,)}
-    mirrored = {s.rule: s.points for s in signals(-np.array(z), 0.0, 1.0, 'nelson')}
+    mirrored = {s.rule: s.points for s in signals(-np.array(z), 0.0, 1.0)}
     assert mirrored == found
-
-
-def test_western_electric_asks_for_eight_on_one_side():
-    (found,) = signals(np.full(8, 0.5), 0.0, 1.0, 'western')
-    assert found.rule == 'western electric 4' and 'shift' in found.text and found.points == (7,)
-    assert not signals(np.full(7, 0.5), 0.0, 1.0, 'western')
 
 
 def test_a_stable_process_seldom_alarms_and_a_drift_always():
     rng = np.random.default_rng(5)
-    alarms = [
-        len(chart(rng.normal(size=100), baseline=50, rules='western').signals) for _ in range(30)
-    ]
+    alarms = [len(chart(rng.normal(size=100), baseline=50).signals) for _ in range(30)]
     assert np.mean([a == 0 for a in alarms]) > 0.1
     for _ in range(30):
         drifting = rng.normal(size=100) + np.r_[np.zeros(50), np.linspace(0, 5, 50)]

@@ -88,10 +88,6 @@ class Archive:
         found = bulk or catalog.small_files(table)
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
 
-    def view(self, table: str, catalog: Catalog) -> str:
-        """SQL of a table over the segments of a catalog, with the rows of stale jobs."""
-        return self._view(table, catalog, self._files(catalog, table), False)
-
     @staticmethod
     def _view(table: str, catalog: Catalog, files: list[tuple[int, str]], stale: bool) -> str:
         if not files:
@@ -108,19 +104,13 @@ class Archive:
         return ' UNION ALL '.join(parts)
 
     def ask(self, tables: tuple[str, ...], question: Callable[[Any], Answer]) -> Answer:
-        """Answer of a question to a connection. ArchiveError names a damaged file."""
-        return self.twice(lambda: question(self._connection(tables)), lambda: self._forget(tables))
-
-    def twice(
-        self, question: Callable[[], Answer], forget: Callable[[], None] = lambda: None
-    ) -> Answer:
-        """Answer of a question that reads files; asked again when a merge has taken one away. ArchiveError as of
-        `ask`."""
+        """Answer of a question to a connection; asked again when a merge has taken a file away. ArchiveError names a
+        damaged file."""
         for last in (False, True):
             try:
-                return question()
+                return question(self._connection(tables))
             except (duckdb.IOException, duckdb.InvalidInputException, FileNotFoundError) as e:
-                forget()
+                self._forget(tables)
                 if last:
                     raise ArchiveError(
                         f'{self.store.root}: a file is missing or damaged ({_first_line(e)}); '
