@@ -172,11 +172,10 @@ def test_ros1_bag_becomes_standard_messages(tmp_path):
 
 @needs_data
 def test_logs_of_the_same_weld(tmp_path):
-    names = ('plate25_weld_params.csv', 'plate25_joint_states.csv', 'pyro_Plate19.dat')
+    names = ('plate25_weld_params.csv', 'pyro_Plate19.dat')
     paths = [DATA / n for n in names]
     assert run('import', *paths, '--yes', '-o', tmp_path / 'out') == 0
     kinds = {n: t.type for n, t in info(tmp_path / 'out').topics.items()}
-    assert kinds['/plate25_joint_states/joint_states'] == 'sensor_msgs/msg/JointState'
     assert kinds['/pyro_plate19/tratio'] == 'sensor_msgs/msg/Temperature'
     with AnyReader([tmp_path / 'out']) as reader:
         hot = [

@@ -112,11 +112,6 @@ class BagWriter:
         """Size of the current file so far."""
         return self._file.stream.tell()
 
-    @property
-    def file_duration_ns(self) -> int:
-        """Log time between the first and the last message of the current file."""
-        return self._file.last_ns - self._file.first_ns
-
     def is_repeat(self, topic: int, publish_ns: int, sequence: int) -> bool:
         """Whether this is the latched message that the topic held already (as after a split)."""
         held = self._latest.get(topic)

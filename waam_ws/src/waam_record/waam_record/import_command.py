@@ -44,7 +44,6 @@ The mapping file, one entry per file name (or pattern, as in "scan_*.csv"):
         start: 2026-01-31T16:00:00Z      # what times without a date count from
         offset_s: 0               # is added: the clock of this file against the others
       travel: {direction: '-x', speed_mm_s: 33.3, start_mm: [440, 0, 40]}   # where no column says where the torch was
-      segment_length_mm: 5        # of tables of heights by layer and segment
       columns:
         I: {is: arc_current, unit: A}
         note: {is: ignore}
@@ -53,8 +52,7 @@ is: position_x _y _z, travel_speed, wire_feed_speed, wire_feed_commanded, arc_cu
     temperature                                                              -> /temperature
     profile_x, profile_height | profile_distance, profile_intensity          -> /profiles (lists, or one point per line
                                                                                 with point_profile)
-    layer, segment, segment_height (or a column segment_height per segment)  -> /height_map
-    joints -> joint_states; number -> /<file>/<column>; ignore
+    number -> /<file>/<column>; ignore
 unit: m mm um in | m/s mm/s m/min mm/min cm/min in/min | A kA mA | V mV | C K F
 
 `waam record info`, `ros2 bag play`, `waam view` and, with profiles and positions, `waam scan fuse` read the result.
