@@ -108,7 +108,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_lab/waam_lab/twin/page.py': 'writes the cell file and the report of a fit',
     'waam_lab/waam_lab/twin/records.py': 'reads job folders',
     'waam_lab/waam_lab/recorded/(page|read|wall).py': 'read recordings, write the cell file and the report of a fit',
-    'waam_view/waam_view/(job_data|plan_file|plan_scene|report_writer).py': 'job folders, plans, reports',
+    'waam_view/waam_view/(job_data|plan_file|report_writer).py': 'job folders, plans, reports',
     'waam_view/waam_view/(drawing|viewer|web_viewer).py': 'start viewers and write their files',
     'waam_shop/waam_shop/(audit_file|durable|queue_file|shop_folder|token_file).py': 'the files of a shop',
     'waam_shop/waam_shop/(cli|cli_common|cli_access|cli_cells|cli_notify|cli_queue).py': 'commands: files, ages',

@@ -12,11 +12,6 @@ CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'fee
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
 MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'
 STATUS, LOG, ALARMS = 'status', 'log', 'log/alarms'
-# of a plan that has not been laid yet
-PROGRAM_TIME = 'program_time'
-FOUND, NOMINAL, IDLE, STARTS = 'part/found', 'part/nominal', 'part/idle', 'part/starts'
-BEADS_METAL, BEADS_SPEED = 'part/beads_by_metal', 'part/beads_by_speed'
-PLAN_TEXT, PLAN_SPEED, PLAN_HEIGHT = 'plan/text', 'plan/speed', 'plan/height'
 
 _BLUE, _RED, _GREY, _GREEN = (28, 111, 184), (194, 59, 49), (138, 148, 160), (35, 131, 63)
 SERIES = {  # entity: (names, colours)
@@ -114,43 +109,6 @@ def _at(t_ns: int) -> rrb.TimeRangeBoundary:
 def _last(seconds: float) -> rrb.VisibleTimeRange:
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds)
     return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
-
-
-def plan_blueprint(metal_mm: float, speed_mm_s: float) -> rrb.Blueprint:
-    """Layout of a plan: what is laid up to the cursor, by layer or by time. The arguments end the colour scales."""
-    views = rrb.Tabs(
-        _beads(f'Metal of the beads (dark 0 ... yellow {metal_mm:.2f} mm)', BEADS_SPEED),
-        _beads(f'Travel speed (dark 0 ... yellow {speed_mm_s:.1f} mm/s)', BEADS_METAL),
-        active_tab=0,
-    )
-    beside = rrb.Vertical(
-        rrb.TextDocumentView(origin=PLAN_TEXT, name='Plan'),
-        rrb.TimeSeriesView(origin=PLAN_SPEED, name='Travel speed with the arc on (layers: means)'),
-        rrb.TimeSeriesView(origin=PLAN_HEIGHT, name='Metal (layers: means)'),
-        row_shares=[3, 1, 1],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(views, beside, column_shares=[5, 2]),
-        rrb.TimePanel(state='collapsed', timeline=LAYERS, play_state='following', fps=2.0),
-        rrb.SelectionPanel(state='collapsed'),
-        rrb.BlueprintPanel(state='collapsed'),
-    )
-
-
-def _beads(name: str, hidden: str) -> rrb.Spatial3DView:
-    """Everything up to the cursor stays in view."""
-    begin, cursor = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative
-    return rrb.Spatial3DView(
-        origin='part',
-        contents=['$origin/**', f'- /{hidden}'],
-        name=name,
-        background=rrb.Background(color=(24, 27, 31)),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
-        time_ranges=[
-            rrb.VisibleTimeRange(LAYERS, start=begin, end=cursor(seq=0)),
-            rrb.VisibleTimeRange(PROGRAM_TIME, start=begin, end=cursor(seconds=0.0)),
-        ],
-    )
 
 
 def log_styles(recording: rr.RecordingStream) -> None:

@@ -13,8 +13,6 @@ _VIEW_EXAMPLES = """examples:
   waam view jobs/latest                     serves the job in the browser, prints the address; Ctrl-C ends
   waam view jobs/latest --record            from the record (MCAP), also when the dashboard kept a job.rrd
   waam view jobs/latest/record/record_0.mcap
-  waam view plans/roller                    a plan before it is laid (waam plan --out plans/roller), layer by layer
-  waam view jobs/latest/plan.npz            the plan of a job
 
 A running graph is seen live: `waam up --web-port 9090` serves the dashboard, and the operator's page
 (`waam panel`) embeds it."""
@@ -30,9 +28,7 @@ def register(commands: argparse._SubParsersAction) -> None:
     view = commands.add_parser(
         'view', help='open a job in the rerun viewer', epilog=_VIEW_EXAMPLES, formatter_class=raw
     )
-    view.add_argument(
-        'path', metavar='JOB|FILE', help='job or plan folder, .rrd, .mcap or plan.npz'
-    )
+    view.add_argument('path', metavar='JOB|FILE', help='job folder, .rrd or .mcap')
     view.add_argument(
         '--record', action='store_true', help='from the MCAP even if there is a job.rrd'
     )
@@ -65,8 +61,6 @@ def _recording(path: Path, scratch: Path, from_record: bool) -> Path:
     from .viewer import find_recording
 
     file = find_recording(path)
-    if file.suffix == '.npz':
-        return _plan(file, scratch)
     if file.suffix == '.rrd' and not from_record:
         return file
     from rich.progress import Progress
@@ -78,20 +72,6 @@ def _recording(path: Path, scratch: Path, from_record: bool) -> Path:
         task = bar.add_task('reading the record', total=size(path))
         build(path, scratch, lambda count: bar.advance(task, count))
     return scratch
-
-
-def _plan(file: Path, scratch: Path) -> Path:
-    from .plan_file import PlanFileError
-    from .plan_scene import write_recording
-    from .viewer import PLAN_RECORDING, ViewError
-
-    scratch.parent.mkdir()
-    target = scratch.with_name(PLAN_RECORDING)
-    try:
-        write_recording(file, target)
-    except PlanFileError as e:
-        raise ViewError(str(e)) from None
-    return target
 
 
 def _report(args: argparse.Namespace) -> int:

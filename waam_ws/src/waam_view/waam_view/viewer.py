@@ -9,19 +9,17 @@ from waam_node import job_folder
 from .drawing import free_port, port_is_free
 from .web_viewer import WebViewer
 
-PLAN_RECORDING = 'preview.rrd'  # of `waam plan --rerun`
-
 
 class ViewError(ValueError):
     """Nothing to show, or the viewer cannot show it; the text names the file."""
 
 
 def find_recording(path: Path) -> Path:
-    """The file to open for a folder (job, demo, record, plan) or a file (.rrd, .mcap, .npz). Raises ViewError."""
+    """The file to open for a folder (job, demo, record) or a file (.rrd, .mcap). Raises ViewError."""
     path = Path(path)
     if path.is_file():
-        if path.suffix not in ('.rrd', '.mcap', '.npz'):
-            raise ViewError(f'{path}: neither .rrd nor .mcap, nor the .npz of a plan')
+        if path.suffix not in ('.rrd', '.mcap'):
+            raise ViewError(f'{path}: neither .rrd nor .mcap')
         return path
     if not path.is_dir():
         raise ViewError(f'{path} does not exist')
@@ -29,8 +27,6 @@ def find_recording(path: Path) -> Path:
         job_folder.viewer_recording(),
         f'{job_folder.record()}/*.mcap',
         '*.mcap',
-        PLAN_RECORDING,
-        job_folder.plan(),
     ):
         found = sorted(path.glob(pattern))
         if found:
