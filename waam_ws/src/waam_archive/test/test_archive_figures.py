@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from waam_archive.charts import ChartError, chart, cpk, signals
 from waam_archive.figures import cost, grouped, key_figures
 from waam_archive.page import part_page
-from waam_archive.policy import Held, Policy, chosen, size
+from waam_archive.policy import Held, Policy, decide, size
 from waam_archive.schema import names
 from waam_archive.traceability import part_record
 from waam_process.prices import PriceError, Prices
@@ -181,8 +181,8 @@ HELD = st.builds(
     st.lists(HELD, max_size=12), st.none() | st.integers(0, 800), st.none() | st.integers(0, 4000)
 )
 def test_a_policy_keeps_jobs_without_report_and_takes_the_oldest_first(held, days, limit):
-    policy = Policy(timedelta(days) if days is not None else None, limit)
-    gone = chosen(held, policy, NOW)
+    policy = Policy('' if days is None else f'{days}d', '' if limit is None else str(limit))
+    gone = decide(held, policy, NOW).gone
     assert all(h.has_report and h.created is not None for h in gone)
     left = list(held)
     for h in gone:

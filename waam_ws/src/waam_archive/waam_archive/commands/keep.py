@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..policy import Decision, Words
+from ..policy import Decision, Policy
 from ..schema import TABLES
 from .common import (
     Verbs,
@@ -164,37 +164,36 @@ def _listed(jobs: list[str]) -> str:
 def _retain(args: argparse.Namespace) -> int:
     from ..retention import apply, decision, kept_policy
 
-    asked = Words(args.older_than, args.max_size)
-    asked.policy()  # a slip is named before anything is read
+    asked = Policy(args.older_than, args.max_size)
     archive = opened(args)
-    words = asked or kept_policy(archive.store)
-    if not words:
+    policy = asked or kept_policy(archive.store)
+    if not policy:
         raise ValueError(
             'say what may stay (--older-than AGE, --max-size SIZE), or keep a policy: waam jobs policy'
         )
     if args.dry_run:
-        found = decision(archive.store, archive.store.catalog(), words)
+        found = decision(archive.store, archive.store.catalog(), policy)
     else:
         with archive.store.writing() as writer:
-            found = apply(writer, words)
+            found = apply(writer, policy)
     if args.json:
-        print_json(_decided(args, words, found))
+        print_json(_decided(args, policy, found))
     else:
-        _tell_decision(args, words, found)
+        _tell_decision(args, policy, found)
     return 0
 
 
-def _decided(args: argparse.Namespace, words: Words, found: Decision) -> dict[str, Any]:
+def _decided(args: argparse.Namespace, policy: Policy, found: Decision) -> dict[str, Any]:
     return {
-        'policy': asdict(words), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
+        'policy': asdict(policy), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
         'bytes_left': found.left, 'bytes_over': found.over, 'spared': [h.job for h in found.spared],
     }  # fmt: skip
 
 
-def _tell_decision(args: argparse.Namespace, words: Words, found: Decision) -> None:
+def _tell_decision(args: argparse.Namespace, policy: Policy, found: Decision) -> None:
     from ..retention import told
 
-    print(f'policy: {words}')
+    print(f'policy: {policy}')
     rows = [[h.created, h.job, h.bytes / 1e6] for h in found.gone]
     if args.dry_run and rows:
         print_table(['created', 'job', 'MB'], rows)
@@ -203,29 +202,28 @@ def _tell_decision(args: argparse.Namespace, words: Words, found: Decision) -> N
         size = sum(h.bytes for h in found.spared) / 1e6
         print(f'{len(found.spared)} jobs without a report or a time keep theirs, {size:.1f} MB')
     if found.over:
-        print(f'that is {found.over / 1e6:.1f} MB more than {words.max_size}')
+        print(f'that is {found.over / 1e6:.1f} MB more than {policy.max_size}')
 
 
 def _policy(args: argparse.Namespace) -> int:
     from ..retention import keep_policy, kept_policy
     from ..store import Store
 
-    given = Words(args.older_than, args.max_size)
-    given.policy()
+    given = Policy(args.older_than, args.max_size)
     if given and args.clear:
         raise ValueError('--clear goes with no limit')
     store = Store(archive_folder(args))
     if args.clear:
-        words = Words()
+        policy = Policy()
     else:
         kept = kept_policy(store)
-        words = Words(given.older_than or kept.older_than, given.max_size or kept.max_size)
+        policy = Policy(given.older_than or kept.older_than, given.max_size or kept.max_size)
     if given or args.clear:
-        keep_policy(store, words)
+        keep_policy(store, policy)
     if args.json:
-        print_json(asdict(words))
+        print_json(asdict(policy))
     else:
-        print(f'policy: {words}')
+        print(f'policy: {policy}')
     return 0
 
 
