@@ -9,7 +9,7 @@ from rosbags.highlevel import AnyReader
 
 from waam_node import cdr
 from waam_record import cli
-from waam_record.bag_copy import Copy, Selection, convert, messages, qos_conflicts, type_conflicts
+from waam_record.bag_copy import Selection, convert, messages, qos_conflicts, type_conflicts
 from waam_record.bag_reader import bag_files, check, info
 from waam_record.bag_writer import BagError, BagWriter, Topic
 from waam_record.importing import import_bag
@@ -55,7 +55,7 @@ def listed(folder, selection=Selection()):
 def test_convert_keeps_every_byte_and_drops_repeats(tmp_path):
     write(tmp_path / 'a', ['/x', '/held'], split_at=(10, 30))
     assert info(tmp_path / 'a').topics['/held'].messages == 3
-    assert convert([tmp_path / 'a'], tmp_path / 'b', settings=Copy('none')) == 51
+    assert convert([tmp_path / 'a'], tmp_path / 'b', compression='none') == 51
     one, other = listed(tmp_path / 'a'), listed(tmp_path / 'b')
     assert [m for m in one if m[0] == '/x'] == [m for m in other if m[0] == '/x']
     assert check(tmp_path / 'b').sound
@@ -67,7 +67,7 @@ def test_convert_keeps_every_byte_and_drops_repeats(tmp_path):
 def test_convert_a_part(tmp_path):
     write(tmp_path / 'a', ['/x', '/y', '/xx'])
     wanted = Selection(include='x', exclude='xx', start=1.0, end=2.0)
-    convert([tmp_path / 'a'], tmp_path / 'b', wanted, Copy('lz4'))
+    convert([tmp_path / 'a'], tmp_path / 'b', wanted, 'lz4')
     found = listed(tmp_path / 'b')
     assert [m[0] for m in found] == ['/x'] * 11
     assert found[0][1] == 101 * S and found[-1][1] == 102 * S
@@ -79,7 +79,7 @@ def test_convert_splits_by_size(tmp_path):
     for i in range(5000):
         writer.write(topic, i + 1, i + 1, i, b'\0\1\0\0' + i.to_bytes(4, 'big') * 100)
     writer.close()
-    convert([tmp_path / 'a'], tmp_path / 'b', settings=Copy('none', file_bytes=500_000))
+    convert([tmp_path / 'a'], tmp_path / 'b', compression='none', file_bytes=500_000)
     assert len(bag_files(tmp_path / 'b')) >= 2
     assert listed(tmp_path / 'a') == listed(tmp_path / 'b')
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.reader import make_reader
@@ -146,38 +146,30 @@ def _file_messages(
             ) from None
 
 
-@dataclass
-class Copy:
-    """Settings of a written copy."""
-
-    compression: str = 'zstd'  # see `COMPRESSIONS`
-    file_bytes: int = 0  # next file above this size; 0 = one file
-    custom_data: dict[str, str] = field(default_factory=dict)
-
-
 def convert(
     paths: list[Path],
     output: Path,
     selection: Selection = Selection(),
-    settings: Copy | None = None,
+    compression: str = 'zstd',
+    file_bytes: int = 0,
     progress: Progress = lambda n: None,
 ) -> int:
     """Writes (parts of) one or several recordings as one, by log time; returns the number of messages. Latched messages
-    that the sources repeat after a split are taken once. BagError names topics that the sources know with different
+    that the sources repeat after a split are taken once. compression: of `COMPRESSIONS`; file_bytes: next file above
+    this size, 0 = one file. BagError names topics that the sources know with different
     types, and files that are not whole."""
-    settings = settings or Copy()
     files = [f for path in paths for f in bag_files(path)]
     conflicts = type_conflicts(files)
     if conflicts:
         raise BagError('; '.join(conflicts))
-    custom = dict(settings.custom_data)
+    custom: dict[str, str] = {}
     for path in paths:
         custom = {**info(path).custom_data, **custom}
     if len(paths) > 1:
         custom['merged_from'] = ', '.join(Path(p).resolve().name for p in paths)
-    writer = BagWriter(output, custom, compression=settings.compression)
+    writer = BagWriter(output, custom, compression=compression)
     try:
-        _copy(messages(files, selection), writer, settings.file_bytes, progress)
+        _copy(messages(files, selection), writer, file_bytes, progress)
     finally:
         writer.close()
     return writer.messages

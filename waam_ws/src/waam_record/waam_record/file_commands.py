@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from waam_node import job_folder
+from waam_process.cli_options import as_table
 
 from . import import_command
 
@@ -110,19 +111,11 @@ def _info(args: argparse.Namespace) -> int:
 
 def _table(found: Info) -> str:
     head = ('topic', 'type', 'messages', 'Hz', 'lost', 'dropped')
-    rows = [head]
+    rows = []
     for name, t in sorted(found.topics.items()):
         rate = f'{t.messages / found.duration_s:.1f}' if found.duration_s > 0 else ''
         rows.append((name, t.type, str(t.messages), rate, str(t.lost), str(t.dropped)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = []
-    for row in rows:
-        cells = [
-            c.ljust(w) if i < 2 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append('  '.join(cells))
-    return '\n'.join(lines)
+    return as_table(head, rows, left=2)
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -196,10 +189,10 @@ def _merge(args: argparse.Namespace) -> int:
 
 
 def _copy(args: argparse.Namespace, paths: list[Path], selection: Selection, text: str) -> int:
-    from .bag_copy import Copy, convert
+    from .bag_copy import convert
     from .bag_reader import info
 
-    settings = Copy(args.compression, round(args.split_mb * 1e6))
+    form = args.compression, round(args.split_mb * 1e6)
     try:
         total = sum(info(p).messages for p in paths)
     except (ValueError, OSError) as e:
@@ -208,7 +201,7 @@ def _copy(args: argparse.Namespace, paths: list[Path], selection: Selection, tex
         text,
         args.output,
         total,
-        lambda tick: convert(paths, args.output, selection, settings, tick),
+        lambda tick: convert(paths, args.output, selection, *form, tick),
     )
 
 

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.cli_options import as_table
 from waam_process.cli_renamed import keep_old_name
 
 from ..selection import TEXTS, Selection, moment
@@ -147,7 +148,4 @@ def shown(value: Any) -> str:
 
 def print_table(columns: list[str], rows: list[list[Any]]) -> None:
     """Plain columns, as wide as what stands in them."""
-    cells = [[shown(v) for v in row] for row in rows]
-    widths = [max(len(r[i]) for r in (columns, *cells)) for i in range(len(columns))]
-    for row in (columns, *cells):
-        print('  '.join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip())
+    print(as_table(columns, [[shown(v) for v in row] for row in rows]))
