@@ -1,4 +1,4 @@
-"""`waam record`: look at recordings, verify, save, cut, join and import them; start and stop the recorder."""
+"""`waam record`: look at recordings, verify, save, cut and import them; start and stop the recorder."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from .file_commands import error as _error
 
 _EXAMPLES = """examples:
   waam record info jobs/latest                what is in it: topics, messages, losses, duration
-  waam record check jobs/latest               reads every chunk again and compares with the index
+  waam record check jobs/latest               reads every byte again and compares checksums and counts
   waam record recover jobs/latest             saves what is whole in a recording that was cut off
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
-  waam record merge monday tuesday -o both --compression none
   waam record import run.bag -o run
   waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
   waam record import weld.csv --mapping mapping.yaml -o weld.mcap
@@ -39,7 +38,7 @@ def register(commands: argparse._SubParsersAction, graph: Graph = Graph()) -> No
     """Adds the verb `record` with its sub-verbs."""
     parser = commands.add_parser(
         'record',
-        help='recordings: look, verify, save, convert, merge, import; steer the recorder',
+        help='recordings: look, verify, save, convert, import; steer the recorder',
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

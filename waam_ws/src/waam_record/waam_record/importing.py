@@ -4,7 +4,6 @@ them). Logs with columns: `foreign`."""
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from .bag_reader import bag_files
 from .bag_writer import BagError, BagWriter, Topic
 from .log_column import QOS, Column
 
-Progress = Callable[[int], None]
 BAGS = ('.bag', '.db3')
 
 
@@ -22,14 +20,7 @@ def known(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in BAGS
 
 
-def import_bag(path: Path, output: Path, progress: Progress = lambda n: None) -> int:
-    """Writes a bag as a recording, by time; returns the number of messages. BagError."""
-    return write(read_bag(path), output, [path.name], progress)
-
-
-def write(
-    columns: list[Column], output: Path, sources: list[str], progress: Progress = lambda n: None
-) -> int:
+def write(columns: list[Column], output: Path, sources: list[str]) -> int:
     """One recording of topics, by time; returns the number of messages."""
     names = [c.topic.name for c in columns]
     if twice := [n for n in names if names.count(n) > 1]:
@@ -41,11 +32,9 @@ def write(
     writer = BagWriter(output, {'imported_from': ', '.join(sources)})
     sequences = [0] * len(columns)
     numbers = [writer.add_topic(c.topic) for c in columns]
-    for n, (stamp, number, data) in enumerate(rows):
+    for stamp, number, data in rows:
         sequences[number] += 1
         writer.write(numbers[number], stamp, stamp, sequences[number], data)
-        if n % 1000 == 999:
-            progress(1000)
     writer.close()
     return writer.messages
 

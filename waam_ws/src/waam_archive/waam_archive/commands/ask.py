@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -189,10 +188,7 @@ def _print_record(record: dict[str, Any], page: Path | None) -> None:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    archive = opened(args)
-    columns, rows = archive.sql(args.query)
-    for line in archive.left_out:
-        print(f'waam: warning: {line}', file=sys.stderr)
+    columns, rows = opened(args).sql(args.query)
     if args.json:
         print_json([dict(zip(columns, r, strict=True)) for r in rows])
     else:
