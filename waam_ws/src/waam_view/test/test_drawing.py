@@ -4,7 +4,6 @@ import dataclasses
 import os
 import re
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -162,23 +161,6 @@ def test_yaml_lists_every_parameter():
     assert markdown(DashboardParams) in file.parents[1].joinpath('README.md').read_text()
     defaults = {f.name: f.default for f in dataclasses.fields(DashboardParams)}
     assert listed == {k: list(v) if isinstance(v, tuple) else v for k, v in defaults.items()}
-
-
-def test_core_modules_do_not_know_ros():
-    """Only conversions, the node and its parts import ROS."""
-    folder = Path(sys.modules['waam_view'].__file__).parent
-    for file in folder.glob('*.py'):
-        if file.name not in (
-            'conversions.py',
-            'dashboard_node.py',
-            'node_layers.py',
-            'node_tap.py',
-            'ros_playback.py',
-        ):
-            assert not re.search(
-                r'(import|from) (rclpy|\w+_msgs|waam_node(?!\.files| import job_folder))',
-                file.read_text(),
-            ), file.name
 
 
 def test_a_recording_that_has_ended_leaves_no_threads(tmp_path):
