@@ -90,7 +90,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_plan/waam_plan/import_gcode/files.py': 'programs and dialects on disk',
     'waam_plan/waam_plan/preview/page.py': 'writes the HTML page of a plan',
     'waam_record/waam_record/bag_(copy|reader|writer).py': 'recordings on disk',
-    'waam_record/waam_record/(recording|salvage|importing).py': 'recordings on disk',
+    'waam_record/waam_record/(recording|salvage).py': 'recordings on disk',
     'waam_record/waam_record/(import_command|foreign/logs).py': 'a command: reads logs of others',
     'waam_record/waam_record/file_commands.py': 'recordings on disk',
     'waam_record/waam_record/definitions.py': 'reads the definitions of messages',

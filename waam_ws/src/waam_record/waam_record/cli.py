@@ -15,7 +15,6 @@ _EXAMPLES = """examples:
   waam record check jobs/latest               reads every byte again and compares checksums and counts
   waam record recover jobs/latest             saves what is whole in a recording that was cut off
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
-  waam record import run.bag -o run
   waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
   waam record import weld.csv --mapping mapping.yaml -o weld.mcap
   waam record start /tmp/record --note wire=ER70S-6                    the recorder of the graph
