@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from waam_archive.archive import Archive, NoJob, SqlError
 from waam_archive.export import export
-from waam_archive.ingest import ingest, read, sources
+from waam_archive.ingest import ingest
 from waam_archive.metrics import METRICS
 from waam_archive.schema import SQL_TYPES, TABLES, VERSION, markdown, names
 from waam_archive.selection import TEXTS, Selection, SelectionError, moment
@@ -210,68 +210,7 @@ def test_every_metric_has_a_value_per_job(archive, name):
     assert one.values.tolist() == [found.values[1]]
 
 
-def test_the_next_program_asks_the_kept_figures_unless_the_archive_has_changed(tmp_path):
-    jobs, place = tmp_path / 'jobs', tmp_path / 'archive'
-    make_job(jobs, 1, rms=1e-4)
-    ingest(Archive(place).store, [jobs])
-
-    def ask() -> list[float]:
-        return values_of(Archive(place), 'rms', Selection()).values.tolist()
-
-    assert ask() == pytest.approx([0.1])
-    (kept,) = (place / '.figures').iterdir()
-    db = duckdb.connect()
-    told = f"SELECT * REPLACE (7.0 AS rms) FROM '{kept}'"
-    db.execute(f"COPY ({told}) TO '{tmp_path / 'other.parquet'}'")
-    (tmp_path / 'other.parquet').replace(kept)
-    assert ask() == [7.0]  # it was asked, not the jobs
-    kept.write_bytes(b'torn')
-    assert ask() == pytest.approx([0.1])
-    make_job(jobs, 2, rms=3e-4)
-    ingest(Archive(place).store, [jobs])
-    assert ask() == pytest.approx([0.1, 0.3])
-    assert len(list((place / '.figures').iterdir())) == 1
-
-
-def test_kept_figures_of_segments_that_are_still_there_are_not_made_again(tmp_path):
-    jobs, place = tmp_path / 'jobs', tmp_path / 'archive'
-    for number in (1, 2):
-        make_job(jobs, number, rms=1e-4 * number)
-        ingest(Archive(place).store, [jobs])  # a segment each
-
-    def ask() -> list[float]:
-        return values_of(Archive(place), 'rms', Selection()).values.tolist()
-
-    def falsify() -> None:
-        (kept,) = (place / '.figures').iterdir()
-        told = f"SELECT * REPLACE (rms + 5.0 AS rms) FROM '{kept}'"
-        duckdb.connect().execute(f"COPY ({told}) TO '{tmp_path / 'other.parquet'}'")
-        (tmp_path / 'other.parquet').replace(kept)
-
-    assert ask() == pytest.approx([0.1, 0.2])
-    falsify()
-    make_job(jobs, 3, rms=3e-4)
-    ingest(Archive(place).store, [jobs])
-    assert ask() == pytest.approx([5.1, 5.2, 0.3])
-    (again,) = (s for s in sources(jobs) if s.name.endswith('_2'))
-    with Archive(place).store.writing() as writer:
-        writer.add([read(again)])  # the newer segment has the job: its old row is stale
-    assert ask() == pytest.approx([5.1, 0.2, 0.3])
-    with Archive(place).store.writing() as writer:
-        writer.delete({next(jobs.glob('*_1')).name})
-    assert ask() == pytest.approx([0.2, 0.3])
-
-
-def test_a_trend_is_told_where_nothing_can_be_kept(tmp_path):
-    make_job(tmp_path / 'jobs', 1, rms=1e-4)
-    ingest(Archive(tmp_path / 'archive').store, [tmp_path / 'jobs'])
-    (tmp_path / 'archive/.figures').write_text('in the way')
-    found = values_of(Archive(tmp_path / 'archive'), 'rms', Selection())
-    assert found.values.tolist() == pytest.approx([0.1])
-
-
 def test_a_trend_of_a_bead_figure_is_that_of_the_beads(archive):
-    """What is kept in memory, against the plain question to the files."""
     text = 'SELECT job, avg(current_A) AS value FROM beads GROUP BY job'
     plain = {r['job']: r['value'] for r in archive.rows(('beads',), text)}
     found = values_of(archive, 'current', Selection())

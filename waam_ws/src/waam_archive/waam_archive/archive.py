@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import duckdb
 
 from .catalog import ArchiveError, Catalog
-from .folder_source import hash_file
 from .schema import BULK, SQL_TYPES, TABLES, VERSION, select_list
 from .selection import Selection
 from .store import Store, literal
@@ -40,9 +39,6 @@ class Archive:
 
     def __init__(self, root: Path) -> None:
         self.store = Store(root)
-        self.left_out: list[
-            str
-        ] = []  # damaged files that the last answer to `sql` is without, in words
         self._open: dict[tuple[str, ...], tuple[tuple[int, ...], duckdb.DuckDBPyConnection]] = {}
 
     # ---- connections -----------------------------------------------------------------------------
@@ -68,15 +64,14 @@ class Archive:
         self,
         tables: tuple[str, ...],
         catalog: Catalog | None = None,
-        without: frozenset[str] = frozenset(),
     ) -> duckdb.DuckDBPyConnection:
-        """A new database in memory with these tables as views, `without` these files. Close it."""
+        """A new database in memory with these tables as views. Close it."""
         catalog = catalog or self.store.catalog()
         db = duckdb.connect(config={'temp_directory': ''})
         stale = catalog.stale()
         db.execute('CREATE TEMP TABLE stale (file VARCHAR, job VARCHAR)')
         for table in tables:
-            files = [(n, f) for n, f in self._files(catalog, table) if f not in without]
+            files = self._files(catalog, table)
             db.execute(f'CREATE VIEW "{table}" AS {self._view(table, catalog, files, bool(stale))}')
             of_stale = [(f, job) for n, f in files for number, job in stale if n == number]
             if of_stale:
@@ -87,10 +82,6 @@ class Archive:
         bulk = [(0, name) for name in catalog.bulk_files(table)] if table in BULK else []
         found = bulk or catalog.small_files(table)
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
-
-    def view(self, table: str, catalog: Catalog) -> str:
-        """SQL of a table over the segments of a catalog, with the rows of stale jobs."""
-        return self._view(table, catalog, self._files(catalog, table), False)
 
     @staticmethod
     def _view(table: str, catalog: Catalog, files: list[tuple[int, str]], stale: bool) -> str:
@@ -108,19 +99,13 @@ class Archive:
         return ' UNION ALL '.join(parts)
 
     def ask(self, tables: tuple[str, ...], question: Callable[[Any], Answer]) -> Answer:
-        """Answer of a question to a connection. ArchiveError names a damaged file."""
-        return self.twice(lambda: question(self._connection(tables)), lambda: self._forget(tables))
-
-    def twice(
-        self, question: Callable[[], Answer], forget: Callable[[], None] = lambda: None
-    ) -> Answer:
-        """Answer of a question that reads files; asked again when a merge has taken one away. ArchiveError as of
-        `ask`."""
+        """Answer of a question to a connection; asked again when a merge has taken a file away. ArchiveError names a
+        damaged file."""
         for last in (False, True):
             try:
-                return question()
+                return question(self._connection(tables))
             except (duckdb.IOException, duckdb.InvalidInputException, FileNotFoundError) as e:
-                forget()
+                self._forget(tables)
                 if last:
                     raise ArchiveError(
                         f'{self.store.root}: a file is missing or damaged ({_first_line(e)}); '
@@ -197,45 +182,10 @@ class Archive:
 
     def sql(self, query: str, limit: int = 0) -> tuple[list[str], list[tuple]]:
         """Columns and rows of one SELECT of a user, which can read the tables of this archive and nothing else.
-        SqlError. Only the files of the tables that it names are opened; damaged ones of telemetry and maps are left out
-        and named in `left_out`."""
-        self.left_out = []
-        catalog, tables = self.store.catalog(), tables_of(query)
+        SqlError. Only the files of the tables that it names are opened."""
+        db = None
         try:
-            return self._selected(query, limit, tables, catalog, frozenset())
-        except (duckdb.Error, FileNotFoundError) as e:
-            bad = self._damaged(catalog, tables)
-            if not bad:
-                raise SqlError(_first_line(e)) from None
-        try:
-            return self._selected(query, limit, tables, catalog, frozenset(bad))
-        except duckdb.Error as e:
-            raise SqlError(_first_line(e)) from None
-
-    def _damaged(self, catalog: Catalog, tables: tuple[str, ...]) -> list[str]:
-        """Files of telemetry and maps of these tables that are not as they were written."""
-        bad: list[str] = []
-        for table in set(tables) & set(BULK):
-            facts = [f for e in catalog.entries().values() if (f := e.bulk.get(table)) and f.rows]
-            mine = [f for f in facts if not _whole(self.store.root / f.name, f.sha256)]
-            bad += [str((self.store.root / f.name).resolve()) for f in mine]
-            self.left_out += [
-                f'{self.store.root / f.name}: missing or damaged, left out (one of {len(mine)} of {len(facts)} files '
-                f'of {table}); waam jobs verify --repair'
-                for f in mine
-            ]
-        return bad
-
-    def _selected(
-        self,
-        query: str,
-        limit: int,
-        tables: tuple[str, ...],
-        catalog: Catalog,
-        without: frozenset[str],
-    ) -> tuple[list[str], list[tuple]]:
-        db = self.connect(tables, catalog, without)
-        try:
+            db = self.connect(tables_of(query))
             self._lock(db)
             kinds = [s.type for s in db.extract_statements(query)]
             if kinds != [duckdb.StatementType.SELECT]:
@@ -243,8 +193,13 @@ class Archive:
             result = db.execute(query)
             columns = [d[0] for d in result.description or []]
             return columns, result.fetchmany(limit) if limit else result.fetchall()
+        except (duckdb.IOException, FileNotFoundError) as e:
+            raise SqlError(f'{_first_line(e)}; waam jobs verify --repair') from None
+        except duckdb.Error as e:
+            raise SqlError(_first_line(e)) from None
         finally:
-            db.close()
+            if db is not None:
+                db.close()
 
     def _lock(self, db: duckdb.DuckDBPyConnection) -> None:
         """From here on nothing outside the archive can be read, and no setting changed."""
@@ -285,13 +240,6 @@ def _statements(db: duckdb.DuckDBPyConnection, query: str) -> list[Any]:
         return db.extract_statements(query)
     except duckdb.Error:
         return []
-
-
-def _whole(file: Path, sha256: str) -> bool:
-    try:
-        return hash_file(file) == sha256
-    except ValueError:
-        return False
 
 
 def as_rows(result: duckdb.DuckDBPyConnection) -> list[Row]:

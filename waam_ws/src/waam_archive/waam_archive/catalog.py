@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -49,24 +49,6 @@ class Entry:
     bulk: dict[str, File] = field(default_factory=dict)
 
 
-class Entries(Mapping[str, Entry]):
-    """Jobs of a marker as they were read. An entry is made when it is asked for: a question over ten thousand jobs
-    needs none of them."""
-
-    def __init__(self, data: dict[str, dict[str, Any]]) -> None:
-        self.data = data
-
-    def __getitem__(self, job: str) -> Entry:
-        e = self.data[job]
-        return Entry(**{**e, 'bulk': _files(e['bulk'])})
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.data)
-
-    def __len__(self) -> int:
-        return len(self.data)
-
-
 @dataclass(frozen=True)
 class Segment:
     """One marker. files: small table -> file; schema: version of their tables."""
@@ -79,8 +61,7 @@ class Segment:
 
     def text(self) -> str:
         """JSON; its first line is a CRC-32 over the bytes of the others. `parse` reads it."""
-        plain = self.jobs.data if isinstance(self.jobs, Entries) else None
-        jobs = plain or {job: asdict(e) for job, e in self.jobs.items()}
+        jobs = {job: asdict(e) for job, e in self.jobs.items()}
         files = {table: asdict(f) for table, f in self.files.items()}
         told = {'number': self.number, 'replaces': self.replaces, 'jobs': jobs, 'files': files}
         data = {'format': FORMAT, **told, 'schema': self.schema}
@@ -102,7 +83,8 @@ def parse(content: str, name: str) -> Segment:
         why = e if type(e) is ValueError else type(e).__name__
         raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
     check_version(schema, name)
-    jobs, files = Entries(data['jobs']), _files(data['files'])
+    jobs = {j: Entry(**{**e, 'bulk': _files(e['bulk'])}) for j, e in data['jobs'].items()}
+    files = _files(data['files'])
     return Segment(data['number'], tuple(data['replaces']), jobs, files, schema)
 
 

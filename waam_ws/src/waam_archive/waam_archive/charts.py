@@ -1,5 +1,5 @@
 """Control charts (Shewhart): mean and range of subgroups, or single values with their moving range; the rules of
-Western Electric and of Nelson, which name a drift before a limit is passed; the capability index Cpk. Pure."""
+Nelson, which name a drift before a limit is passed; the capability index Cpk. Pure."""
 
 from __future__ import annotations
 
@@ -59,20 +59,17 @@ def chart(
     values: np.ndarray,
     group: int = 1,
     baseline: int = 0,
-    rules: str = 'nelson',
     spec: tuple[float, float] = (-math.inf, math.inf),
 ) -> Chart:
     """Chart of values (n,) in the order of time, finite.
 
-    baseline: limits from so many subgroups at the beginning, 0 = from all. rules: of RULES. spec: limits of the
-    specification for Cpk. Raises ChartError.
+    baseline: limits from so many subgroups at the beginning, 0 = from all. spec: limits of the specification for Cpk.
+    Raises ChartError.
     """
     if not 1 <= group <= LARGEST_GROUP:
         raise ChartError(f'subgroups of {group}: wanted 1 to {LARGEST_GROUP}')
     if baseline < 0 or baseline == 1:
         raise ChartError(f'limits from {baseline} subgroups: wanted two or more, 0 = all')
-    if rules not in RULES:
-        raise ChartError(f"there are no rules '{rules}'; known are {', '.join(RULES)}")
     values = np.asarray(values, float)
     count = len(values) // group
     if count < 2:
@@ -87,7 +84,7 @@ def chart(
     sigma = typical / D2[max(group, 2)]
     reach = A2[group] * typical if group > 1 else 3 * sigma
     range_limits = D3[max(group, 2)] * typical, D4[max(group, 2)] * typical
-    broken = signals(means, center, sigma / math.sqrt(group), rules)
+    broken = signals(means, center, sigma / math.sqrt(group))
     if group > 1:
         broken += range_signals(ranges, *range_limits)
     return Chart(
@@ -152,21 +149,14 @@ NELSON = {
     ),
     'nelson 8': ('eight points in a row beyond one: a mixture', lambda z: _windows(np.abs(z) > 1, 8, 8)),
 }  # fmt: skip
-WESTERN = {
-    'western electric 1': ('a point beyond three standard deviations: an outlier', _beyond),
-    'western electric 2': ('two of three points beyond two on one side: a shift', lambda z: _either(z, 2, 3, 2)),
-    'western electric 3': ('four of five points beyond one on one side: a small shift', lambda z: _either(z, 1, 5, 4)),
-    'western electric 4': ('eight points in a row on one side of the mean: a shift', lambda z: _either(z, 0, 8, 8)),
-}  # fmt: skip
-RULES = {'nelson': NELSON, 'western': WESTERN}
 
 
-def signals(means: np.ndarray, center: float, sigma: float, rules: str) -> list[Signal]:
+def signals(means: np.ndarray, center: float, sigma: float) -> list[Signal]:
     """Rules that the points (k,) break. sigma: of the points; 0 = all are alike, nothing is broken."""
     if not sigma > 0:
         return []
     z = (means - center) / sigma
-    found = ((name, text, rule(z)) for name, (text, rule) in RULES[rules].items())
+    found = ((name, text, rule(z)) for name, (text, rule) in NELSON.items())
     return [Signal(n, t, tuple(int(i) for i in at)) for n, t, at in found if len(at)]
 
 

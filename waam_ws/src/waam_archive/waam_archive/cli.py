@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .commands import ask, keep, look
-from .commands.common import place
 
 EPILOG = """\
 examples:
@@ -18,10 +17,9 @@ examples:
   waam jobs trend rms --subgroup 5 --upper 0.2 --picture rms.png       control chart, Cpk, drift by name
   waam jobs figures --by material --prices prices.yaml   kg/h, wire and energy per area, defects, cost
   waam jobs trace jaw_nominal.stl -o jaw.html            traceability record of a part over all its jobs
-  waam jobs ingest /mnt/usb/jobs recording.mcap          take in folders and recordings from anywhere
+  waam jobs ingest /mnt/usb/jobs                         take in job folders from anywhere
   waam jobs sql "SELECT part, avg(rms_mm) FROM jobs GROUP BY part"
   waam jobs export --part 'jaw*' -o jaw --format csv     tables of some jobs, for other programs
-  waam jobs ingest --archive s3://shop/archive           into an S3-compatible store; ask it in the same way
   waam jobs retain --older-than 180d --dry-run           what would go: telemetry and maps of old jobs, never a report
   waam jobs policy --older-than 180d --max-size 50G      keeps a policy, applied whenever jobs are taken in
   waam jobs verify                                       every file against its hash
@@ -51,9 +49,9 @@ def _common(jobs_dir: Callable[[], Path]) -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(add_help=False)
     p.add_argument(
         '--archive',
-        type=place,
-        metavar='PLACE',
-        help='folder of the archive (default: archive/ in the folder of jobs), or s3://BUCKET/FOLDER of a store',
+        type=Path,
+        metavar='FOLDER',
+        help='folder of the archive (default: archive/ in the folder of jobs)',
     )
     p.add_argument('--json', action='store_true', help='JSON instead of tables, for scripts')
     p.add_argument(

@@ -1,4 +1,4 @@
-"""Job folders and recordings go into the archive: what is new or changed, each as a whole, again after a kill."""
+"""Job folders go into the archive: what is new or changed, each as a whole, again after a kill."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import folder_source, record_source
 from .catalog import Catalog
 from .content import Content
-from .folder_source import NotFinished, SourceError
+from .folder_source import NotFinished, SourceError, is_job, read, stamp_of
 from .retention import apply_kept
 from .store import HEAD, Store, Writer
 
@@ -35,14 +34,12 @@ class Outcome:
 
 
 def sources(path: Path, depth: int = DEPTH, refused: list[str] | None = None) -> Iterator[Path]:
-    """Job folders and recordings at or below a path. SourceError when there is no such path. refused: takes folders
+    """Job folders at or below a path. SourceError when there is no such folder. refused: takes folders
     that cannot be looked into, with the reason."""
-    if not path.exists():
-        raise SourceError(f'{path}: no such file or folder')
-    if path.is_file() and path.suffix != '.mcap':
-        raise SourceError(f'{path}: neither a job folder nor an MCAP recording')
-    if path.is_file() or folder_source.is_job(path) or record_source.is_record(path):
-        yield _whole(path)
+    if not path.is_dir():
+        raise SourceError(f'{path}: no such folder (jobs are taken in by their folders)')
+    if is_job(path):
+        yield path
         return
     if depth and not (path / HEAD).is_file():
         try:
@@ -55,26 +52,6 @@ def sources(path: Path, depth: int = DEPTH, refused: list[str] | None = None) ->
         for below in found:
             if below.is_dir() and not below.is_symlink() and not below.name.startswith('.'):
                 yield from sources(below, depth - 1, refused)
-
-
-def _whole(path: Path) -> Path:
-    """Of a recording inside a job folder, the folder: it knows more."""
-    around = path.resolve().parents
-    inside = [p for p in around[:2] if not folder_source.is_job(path) and folder_source.is_job(p)]
-    return inside[0] if inside else path
-
-
-def stamp_of(source: Path) -> str:
-    """By which an unchanged source is known without reading it."""
-    if folder_source.is_job(source):
-        return folder_source.stamp_of(source)
-    return record_source.stamp_of(source)
-
-
-def read(source: Path) -> Content:
-    """A job as a whole. SourceError."""
-    is_job = folder_source.is_job(source)
-    return folder_source.read(source) if is_job else record_source.read(source)
 
 
 def pending(store: Store, paths: Iterable[Path], outcome: Outcome, named: bool) -> list[Path]:
@@ -172,10 +149,7 @@ def _taken(
         outcome.unchanged.append(content.job)
         return None
     old = Path(before.source)
-    if folder_source.is_job(old) and not folder_source.is_job(source) and not replace:
-        outcome.unchanged.append(content.job)  # a recording of this job: its folder knows more
-        return None
-    if before.source != content.source and folder_source.is_job(old) and not replace:
+    if before.source != content.source and is_job(old) and not replace:
         outcome.refused.append(_twice(content, str(old)))
         return None
     return content

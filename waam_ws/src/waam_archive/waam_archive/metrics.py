@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .selection import TEXTS
-
 
 class Metric(NamedTuple):
-    """unit and text for people; expression: SQL over one job; tables: what it reads beside `jobs`."""
+    """unit and text for people; expression: SQL over one job; of_beads: out of its beads."""
 
     unit: str
     text: str
@@ -32,32 +30,19 @@ METRICS = {
 }  # fmt: skip
 
 
-KEPT = 'of_jobs'  # the table that these rows make
-
-
-def rows() -> str:
-    """SQL: a row per job with its filters (selection.TEXTS) and the value of every figure, out of `jobs` and `beads`.
-
-    Beads become one row per job before anything is joined: a tenth of the time of the join first.
-    """
-    own, of_beads = (
-        ', '.join(f'{m.expression} AS "{n}"' for n, m in METRICS.items() if m.of_beads == which)
-        for which in (False, True)
-    )
-    named = ', '.join(f'told."{n}"' for n, m in METRICS.items() if m.of_beads)
-    texts = ', '.join(f'jobs."{name}"' for name in TEXTS)
+def query(name: str, where: str) -> tuple[tuple[str, ...], str]:
+    """The tables that a question reads, and its SQL: job, created, value of every job that has one, in the order of
+    time. name: key of METRICS; where: of a Selection."""
+    m = METRICS[name]
+    of = 'jobs'
+    value = m.expression
+    if (
+        m.of_beads
+    ):  # one row per job before anything is joined: a tenth of the time of the join first
+        of += f' JOIN (SELECT job, {value} AS value FROM beads GROUP BY job) told USING (job)'
+        value = 'told.value'
     return (
-        f'SELECT {texts}, jobs.created, {own}, {named} FROM jobs '
-        f'LEFT JOIN (SELECT job, {of_beads} FROM beads GROUP BY job) told ON told.job = jobs.job'
-    )
-
-
-def query(name: str, where: str) -> str:
-    """SQL: job, created, value of every job that has one, in the order of time, out of the table in memory.
-
-    name: key of METRICS; where: of a Selection.
-    """
-    return (
-        f'SELECT job, created, "{name}" AS value FROM {KEPT} jobs '
-        f'WHERE ({where}) AND isfinite("{name}") ORDER BY created, job'
+        ('jobs', 'beads') if m.of_beads else ('jobs',),
+        f'SELECT jobs.job, jobs.created, {value} AS value FROM {of} '
+        f'WHERE ({where}) AND isfinite({value}) ORDER BY jobs.created, jobs.job',
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any
 
 _AGE = re.compile(r'(\d+(?:\.\d+)?)\s*([hdw])')
 _UNIT = {'h': 'hours', 'd': 'days', 'w': 'weeks'}
@@ -25,18 +24,16 @@ class Held:
 
 @dataclass(frozen=True)
 class Policy:
-    """older_than: jobs of this age and more; max_bytes: then the oldest, until all together take no more."""
-
-    older_than: timedelta | None = None
-    max_bytes: int | None = None
-
-
-@dataclass(frozen=True)
-class Words:
-    """A policy as people write it and as it is kept: '180d', '50G'; '' = no limit of that kind."""
+    """As people write it and as it is kept: '180d', '50G'; '' = no limit of that kind. older_than: jobs of this age and
+    more; max_size: then the oldest, until all together take no more. ValueError names what means nothing."""
 
     older_than: str = ''
     max_size: str = ''
+
+    def __post_init__(self) -> None:
+        if not all(isinstance(v, str) for v in (self.older_than, self.max_size)):
+            raise ValueError('older_than and max_size are texts such as 180d and 50G')
+        _ = self.age, self.max_bytes
 
     def __bool__(self) -> bool:
         return bool(self.older_than or self.max_size)
@@ -49,23 +46,15 @@ class Words:
             said.append(f'the oldest until all arrays take no more than {self.max_size}')
         return ', then '.join(said) or 'none'
 
-    def policy(self) -> Policy:
-        """ValueError names what means nothing."""
-        return Policy(
-            age(self.older_than) if self.older_than else None,
-            size(self.max_size) if self.max_size else None,
-        )
+    @property
+    def age(self) -> timedelta | None:
+        """None: no limit."""
+        return age(self.older_than) if self.older_than else None
 
-    @classmethod
-    def parse(cls, data: Any) -> Words:
-        """From JSON. ValueError."""
-        if not isinstance(data, dict) or set(data) - {'older_than', 'max_size'}:
-            raise ValueError('wanted are older_than and max_size')
-        if not all(isinstance(v, str) for v in data.values()):
-            raise ValueError('older_than and max_size are texts such as 180d and 50G')
-        words = cls(**data)
-        words.policy()
-        return words
+    @property
+    def max_bytes(self) -> int | None:
+        """None: no limit."""
+        return size(self.max_size) if self.max_size else None
 
 
 @dataclass(frozen=True)
@@ -86,26 +75,18 @@ class Decision:
 
 
 def decide(held: list[Held], policy: Policy, now: datetime) -> Decision:
-    """now: UTC, without a zone."""
-    gone = chosen(held, policy, now)
-    left = sum(h.bytes for h in held) - sum(h.bytes for h in gone)
-    spared = [h for h in held if h.bytes and not (h.has_report and h.created is not None)]
-    return Decision(gone, spared, left, max(0, left - (policy.max_bytes or left)))
-
-
-def chosen(held: list[Held], policy: Policy, now: datetime) -> list[Held]:
-    """Jobs that give up their arrays, oldest first. Never one without a report, and never one of unknown age."""
+    """now: UTC, without a zone. Never a job without a report, and never one of unknown age."""
     able = [h for h in held if h.has_report and h.bytes and h.created is not None]
     able.sort(key=lambda h: (h.created or now, h.job))
-    total = sum(h.bytes for h in held)
-    found = []
+    spared = [h for h in held if h.bytes and not (h.has_report and h.created is not None)]
+    left, limit = sum(h.bytes for h in held), policy.max_bytes
+    gone = []
     for h in able:
-        old = policy.older_than is not None and now - (h.created or now) >= policy.older_than
-        large = policy.max_bytes is not None and total > policy.max_bytes
-        if old or large:
-            found.append(h)
-            total -= h.bytes
-    return found
+        old = policy.age is not None and now - (h.created or now) >= policy.age
+        if old or (limit is not None and left > limit):
+            gone.append(h)
+            left -= h.bytes
+    return Decision(gone, spared, left, max(0, left - (limit or left)))
 
 
 def age(asked: str) -> timedelta:

@@ -10,32 +10,35 @@ from waam_node.files import write_atomically
 from waam_process.safe_files import read_json
 
 from .catalog import ArchiveError, Catalog, Entry
-from .policy import Decision, Held, Words, decide
+from .policy import Decision, Held, Policy, decide
 from .schema import BULK
 from .store import RETENTION, Store, Writer
 
 
-def kept_policy(store: Store) -> Words:
+def kept_policy(store: Store) -> Policy:
     """The one of the archive; an empty one when there is none. ArchiveError."""
     file = store.root / RETENTION
     try:
-        return Words.parse(read_json(file))
+        data = read_json(file)
+        if not isinstance(data, dict) or set(data) - {'older_than', 'max_size'}:
+            raise ValueError('wanted are older_than and max_size')
+        return Policy(**data)
     except FileNotFoundError:
-        return Words()
+        return Policy()
     except (OSError, ValueError) as e:
         raise ArchiveError(f'{file}: damaged ({e}); waam jobs policy --clear') from None
 
 
-def keep_policy(store: Store, words: Words) -> None:
+def keep_policy(store: Store, policy: Policy) -> None:
     """From now on this one; an empty one: none."""
     with store.writing():
-        if words:
-            write_atomically(store.root / RETENTION, json.dumps(asdict(words)))
+        if policy:
+            write_atomically(store.root / RETENTION, json.dumps(asdict(policy)))
         else:
             (store.root / RETENTION).unlink(missing_ok=True)
 
 
-def decision(store: Store, catalog: Catalog, words: Words) -> Decision:
+def decision(store: Store, catalog: Catalog, policy: Policy) -> Decision:
     """What the policy means now."""
     from .archive import Archive
 
@@ -46,23 +49,23 @@ def decision(store: Store, catalog: Catalog, words: Words) -> Decision:
         Held(job, created.get(job), sum(f.bytes for f in e.bulk.values()), e.has_report)
         for job, e in catalog.entries().items()
     ]
-    return decide(held, words.policy(), datetime.now(UTC).replace(tzinfo=None))
+    return decide(held, policy, datetime.now(UTC).replace(tzinfo=None))
 
 
-def apply(writer: Writer, words: Words) -> Decision:
+def apply(writer: Writer, policy: Policy) -> Decision:
     """Drops what the policy says; nothing is written when that is nothing."""
-    found = decision(writer.store, writer.catalog, words)
+    found = decision(writer.store, writer.catalog, policy)
     if found.gone:
         writer.change({h.job for h in found.gone}, _without_arrays)
     return found
 
 
 def apply_kept(writer: Writer) -> str:
-    """The policy that is kept with the archive. Returns what it dropped, or why it could not be applied, in words; '':
+    """The policy that is kept with the archive. Returns what it dropped, or why it could not be applied, in policy; '':
     nothing happened."""
     try:
-        words = kept_policy(writer.store)
-        found = apply(writer, words) if words else None
+        policy = kept_policy(writer.store)
+        found = apply(writer, policy) if policy else None
     except ArchiveError as e:  # the jobs are in: that is no reason to fail
         return f'the policy was not applied: {e}'
     return f'policy of the archive: {told(found)}' if found and found.gone else ''

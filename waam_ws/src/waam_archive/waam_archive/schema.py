@@ -40,7 +40,7 @@ _JOBS = [
         'text',
         sha256='hash of what was ingested: names and contents of the files of the job',
         source='path that it was ingested from',
-        kind='`folder` (job folder) or `record` (MCAP alone)',
+        kind='`folder` (job folder); `record` (MCAP alone) up to 0.3',
     ),
     *_columns('time', created='when the job ended or, without a report, began (UTC)'),
     *_columns(

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import duckdb
@@ -97,19 +97,6 @@ class Store:
         """Of all markers on disk."""
         found = (_MARKER.fullmatch(f.name) for f in (self.root / 'segments').iterdir())
         return sorted(int(m.group(1)) for m in found if m)
-
-    def stamps(self) -> list[tuple[str, int, int]]:
-        """Names, times and sizes of all markers: another list, another archive. ArchiveError for a version that
-        is not known."""
-        if not self.exists:
-            return []
-        self.check_version()
-        found = []
-        for name in map(marker_name, self.marker_numbers()):
-            with suppress(FileNotFoundError):  # merged just now: the next look gives another list
-                stat = (self.root / name).stat()
-                found.append((name, stat.st_mtime_ns, stat.st_size))
-        return found
 
     def segment(self, number: int) -> Segment:
         """ArchiveError when the marker is damaged."""

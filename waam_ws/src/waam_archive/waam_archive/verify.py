@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from . import folder_source, record_source
+from . import folder_source
 from .catalog import ArchiveError, Catalog, Entry, File, Segment, bulk_name, marker_name, small_name
 from .ingest import ingest
 from .schema import BULK, SMALL, version_of
@@ -39,10 +39,8 @@ def verify(
     store: Store,
     sources: bool = False,
     tick: Callable[[int, int], None] = lambda done, of: None,
-    wrong: Callable[[File], str] | None = None,
 ) -> Verdict:
-    """Reads every file of the archive. sources: also the job folders that are still there. wrong: what is wrong with a
-    file, where it is not below the store's folder."""
+    """Reads every file of the archive. sources: also the job folders that are still there."""
     verdict = Verdict()
     store.check_version()
     readable = []
@@ -59,7 +57,7 @@ def verify(
     files += [(0, (j, t), f) for j, e in catalog.entries().items() for t, f in e.bulk.items()]
     for done, (number, of_job, file) in enumerate(files):
         tick(done, len(files))
-        if found := wrong(file) if wrong else wrong_with(store.root, file):
+        if found := wrong_with(store.root, file):
             verdict.problems.append(found)
             if of_job:
                 verdict.bulk.append(of_job)
@@ -87,13 +85,7 @@ def wrong_with(root: Path, file: File) -> str:
 def _check_sources(catalog: Catalog, verdict: Verdict) -> None:
     for job, entry in sorted(catalog.entries().items()):
         source = Path(entry.source)
-        if folder_source.is_job(source):
-            now = folder_source.content_hash(source)
-        elif source.exists() and record_source.is_record(source):
-            now = record_source.content_hash(source)
-        else:
-            continue
-        if now != entry.sha256:
+        if folder_source.is_job(source) and folder_source.content_hash(source) != entry.sha256:
             verdict.changed.append(job)
             verdict.problems.append(
                 f'{source}: not what was ingested as {job} (waam jobs ingest takes it)'

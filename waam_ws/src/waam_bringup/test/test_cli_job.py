@@ -11,7 +11,6 @@ import pytest
 import trimesh
 
 from waam_bringup import cli_job, demo, jobs
-from waam_bringup.cli import build_parser
 from waam_bringup.run_state import RunState
 from waam_job.conversions import goal_from_msg
 from waam_job.model.goal import JobError, check
@@ -134,16 +133,6 @@ def test_bad_settings_are_refused_without_a_graph_and_all_at_once(parse, box):
 def test_a_new_spool_is_told_when_a_job_goes_on(parse):
     assert parse('resume', '--wire-left', 120).wire_left == 120.0
     assert parse('resume').wire_left == 0.0
-
-
-def test_the_recording_of_a_plan_is_drawn_by_the_viewer(tmp_path):
-    import trimesh
-
-    trimesh.creation.box((30, 20, 4)).export(tmp_path / 'box.stl')
-    words = ['plan', str(tmp_path / 'box.stl'), '--rerun', '--out', str(tmp_path / 'out')]
-    args = build_parser().parse_args(words)
-    assert args.run_command(args) == 0
-    assert (tmp_path / 'out' / 'preview.rrd').read_bytes()[:4] == b'RRF2'
 
 
 @pytest.fixture

@@ -74,20 +74,11 @@ def build_parser() -> argparse.ArgumentParser:
     calibrate.register(commands)
     cli_cell.register(commands)
     cli_ports.register(commands)
-    importlib.import_module('waam_plan.cli').register(commands, _draw_plan, _check_robot, reach)
+    importlib.import_module('waam_plan.cli').register(commands, _check_robot, reach)
     for package in PACKAGES:
         importlib.import_module(f'{package}.cli').register(commands, **OPTIONS.get(package, {}))
     register_completion(commands, parser)
     return parser
-
-
-def _draw_plan(stored: Path, target: Path) -> None:
-    """`waam plan --rerun`: planner and viewer meet here and nowhere else. Raises ValueError without rerun."""
-    try:
-        from waam_view.plan_scene import write_recording
-    except ImportError as e:
-        raise ValueError(f'--rerun needs waam_view and rerun ({e})') from None
-    write_recording(stored, target)
 
 
 def _check_robot(

@@ -1,13 +1,10 @@
 """What an operator sees before the arc goes on: estimates by hand reckoning, pictures that show the plan."""
 
-import argparse
 import re
-import shutil
 
 import numpy as np
 import pytest
 
-from waam_plan import cli
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.preview import picture as preview
 from waam_plan.preview.page import write_page
@@ -104,14 +101,3 @@ def test_page_says_the_estimates_and_what_they_are_made_of(tmp_path):
 def test_a_plan_without_layers_is_drawn(tmp_path):
     preview.draw(plan_of(PlanSettings(), layers=0), tmp_path / 'p.png')
     assert (tmp_path / 'p.png').read_bytes()[:4] == b'\x89PNG'
-
-
-def test_the_recording_of_a_plan_is_drawn_by_what_the_command_was_given(box_file, tmp_path):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers(required=True), shutil.copy)
-    words = ['plan', str(box_file((30, 20, 4))), '--rerun', '--out', str(tmp_path / 'out')]
-    args = parser.parse_args(words)
-    assert args.run_command(args) == 0
-    stored = (tmp_path / 'out' / 'plan.npz').read_bytes()
-    assert (tmp_path / 'out' / 'preview.rrd').read_bytes()[:2] == stored[:2] == b'PK'
-    assert [p.name for p in (tmp_path / 'out').glob('*rrd')] == ['preview.rrd']

@@ -45,7 +45,7 @@ examples:
 --set of rules for builds (docs/planning.md): compensation_height=0.012, shrinkage=0.008
 
 Written to --out: program.gcode (runs on the controller without correction), segments.csv, plan.npz, preview.png,
-preview.html (3-D, one file: open it in a browser); with --rerun preview.rrd (waam view DIR).
+preview.html (3-D, one file: open it in a browser).
 """
 
 
@@ -77,11 +77,9 @@ class _Help(argparse.Action):
 
 def register(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
-    write_recording: Callable[[Path, Path], None] | None = None,
     check_robot: Callable[[Plan, Path | None, bool, Path | None, list[Path]], None] | None = None,
     cell_reach: Callable[[str, bool], tuple[dict[str, Any], str]] | None = None,
 ) -> None:
-    # write_recording(stored plan, new .rrd): draws for --rerun; the planner itself knows no viewer
     # check_robot(plan, urdf, turning, out, params_files): of --machine robot, prints, raises ValueError
     # cell_reach(cell or '', build): settings by the cell file and its name, ({}, '') without one; raises ValueError
     """Adds the verbs to argparse sub-parsers."""
@@ -99,7 +97,6 @@ def register(
     _add_outputs(p)
     p.set_defaults(
         run_command=run,
-        write_recording=write_recording,
         check_robot=check_robot,
         cell_reach=cell_reach,
     )
@@ -218,11 +215,6 @@ def _add_outputs(p: argparse.ArgumentParser) -> None:
         dest='preview',
         action='store_true',
         help='draw preview.png and preview.html (into --out or the current folder)',
-    )
-    p.add_argument(
-        '--rerun',
-        action='store_true',
-        help='also preview.rrd, to scrub through layers and time (waam view shows it)',
     )
 
 

@@ -1,8 +1,7 @@
-"""What waam plan prints and writes: table, program, picture, recording."""
+"""What waam plan prints and writes: table, program, picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,28 +40,10 @@ def write(plan: Plan, args: argparse.Namespace) -> None:
         folder = args.out or Path('.')
         draw(plan, folder / 'preview.png')
         write_page(plan, folder / 'preview.html')
-    if args.rerun:
-        _write_recording(plan, args.out or Path('.'), args.write_recording)
     if args.out:
         print(f'written: {args.out}')
     elif args.preview:
         print(f'written: {Path("preview.png").resolve()}, preview.html')
-
-
-def _write_recording(
-    plan: Plan, folder: Path, write_recording: Callable[[Path, Path], None] | None
-) -> None:
-    """The viewer draws the plan as it is stored."""
-    import tempfile
-
-    from waam_plan.gcode.store import save_plan
-
-    if write_recording is None:
-        raise ValueError('--rerun needs the viewer: call it as `waam plan --rerun`')
-    with tempfile.TemporaryDirectory(prefix='waam_plan_') as scratch:
-        stored = Path(scratch) / 'plan.npz'
-        save_plan(plan, stored)
-        write_recording(stored, folder / 'preview.rrd')
 
 
 def _write_compact(plan: Plan, folder: Path, tolerance: float | None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 Verbs = Any  # what `add_subparsers` gives
@@ -36,3 +37,13 @@ def add_verb(verbs: Verbs, name: str, text: str, *rows: tuple[Any, ...], **more:
     p = verbs.add_parser(name, help=text, **settings)
     add_options(p, *rows)
     return p
+
+
+def as_table(heads: Sequence[str], rows: Iterable[Sequence[Any]], left: int = 99) -> str:
+    """Columns as wide as they must be, for the screen. left: how many of them are flush left."""
+    texts = [list(heads), *([str(c) for c in row] for row in rows)]
+    wide = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    lines = [
+        [f'{c:{"<" if i < left else ">"}{wide[i]}}' for i, c in enumerate(row)] for row in texts
+    ]
+    return '\n'.join('  '.join(line).rstrip() for line in lines)

@@ -74,3 +74,4 @@ def slow(descriptor):
     sync(descriptor)
 os.fsync = slow
 '''
+STOP_SOON = 'import waam_record.node_thread\nwaam_record.node_thread.CLOSE_S = 0.5\n'

@@ -1,4 +1,4 @@
-"""`check` finds every changed byte of a recording, and every index that does not fit; `recover` says what it saved."""
+"""`check` finds every changed byte of a recording; `recover` says what it saved."""
 
 from __future__ import annotations
 
@@ -34,10 +34,9 @@ def write(folder: Path, compression: str = 'none') -> Path:
     return next(folder.glob('*.mcap'))
 
 
-@pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_every_changed_byte_of_a_record_is_found(compression, tmp_path):
+def test_every_changed_byte_of_a_record_is_found(tmp_path):
     """Without exception: the checksums of chunks, data section and summary cover the whole file but three marks."""
-    file = write(tmp_path / 'record', compression)
+    file = write(tmp_path / 'record', 'zstd')
     assert check(tmp_path / 'record').sound
     whole = file.read_bytes()
     missed = []
@@ -86,40 +85,25 @@ def rewritten(file: Path, opcode: int, change) -> bool:
 
 def number(at: int, kind: str, to):
     def change(content: bytes) -> bytes:
-        (value,) = struct.unpack_from(kind, content, at)
+        (value,) = struct.unpack_from(kind, content, at % len(content))
         changed = bytearray(content)
-        struct.pack_into(kind, changed, at, to(value))
+        struct.pack_into(kind, changed, at % len(content), to(value))
         return bytes(changed)
 
     return change
 
 
 PLUS = {
-    'message index: channel': (7, number(0, '<H', lambda v: v + 7)),
-    'message index: time': (7, number(6, '<Q', lambda v: v + 1)),
-    'message index: offset': (7, number(14, '<Q', lambda v: v + 1)),
-    'chunk: start time': (6, number(0, '<Q', lambda v: v - 1)),
-    'chunk: end time': (6, number(8, '<Q', lambda v: v + 1)),
     'chunk: size': (6, number(16, '<Q', lambda v: v + 1)),
     'chunk: bomb': (6, number(16, '<Q', lambda v: 1 << 60)),
-    'chunk index: offset': (8, number(16, '<Q', lambda v: v + 1)),
-    'chunk index: length': (8, number(24, '<Q', lambda v: v + 1)),
-    'chunk index: place of an index': (8, number(38, '<Q', lambda v: v + 1)),
     'statistics: messages': (11, number(0, '<Q', lambda v: v + 1)),
-    'statistics: schemas': (11, number(8, '<H', lambda v: v + 1)),
-    'statistics: channels': (11, number(10, '<I', lambda v: v + 1)),
-    'statistics: chunks': (11, number(22, '<I', lambda v: v + 1)),
-    'statistics: end': (11, number(34, '<Q', lambda v: v + 1)),
-    'metadata index: offset': (13, number(0, '<Q', lambda v: v + 1)),
-    'summary offset: start': (14, number(1, '<Q', lambda v: v + 1)),
-    'summary offset: length': (14, number(9, '<Q', lambda v: v + 1)),
+    'statistics: messages of a channel': (11, number(-8, '<Q', lambda v: v + 1)),
     'footer: summary': (2, number(0, '<Q', lambda v: v + 1)),
-    'footer: offsets': (2, number(8, '<Q', lambda v: v + 1)),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize('case', PLUS)
-def test_an_index_that_says_what_is_not_there_is_found_without_checksums(case, tmp_path):
+def test_what_does_not_fit_is_found_without_checksums(case, tmp_path):
     file = write(tmp_path / 'record')
     assert rewritten(file, 1, lambda content: content) and check(file).sound
     opcode, change = PLUS[case]

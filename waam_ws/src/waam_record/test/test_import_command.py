@@ -175,44 +175,6 @@ def test_profiles_without_poses_take_rate_direction_and_speed_of_the_mapping(tmp
     assert batches[1].stamp_ns - batches[0].stamp_ns == 100_000_000
 
 
-def test_heights_by_layer_and_segment_become_maps(tmp_path, capsys):
-    path = tmp_path / 'tube.csv'
-    rows = [f'{k},{s},{2 * k + 0.1 * s:.2f}' for k in (1, 2) for s in range(4) if (k, s) != (2, 2)]
-    path.write_text('layer,segment,height_mm\n' + '\n'.join(rows) + '\n1.5,0,9\n')
-    run('import', path)
-    (tmp_path / 'm.yaml').write_text(
-        change(capsys.readouterr().out, 'segment_length_mm: 1', 'segment_length_mm: 5')
-    )
-    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'o') == 0
-    assert 'no whole number from 0 (line 9)' in capsys.readouterr().out
-    with AnyReader([tmp_path / 'o']) as reader:
-        maps = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
-    assert [m.layer for m in maps] == [1, 2] and maps[0].grid.resolution == pytest.approx(5 * MM)
-    assert maps[0].z.tolist() == pytest.approx([2e-3, 2.1e-3, 2.2e-3, 2.3e-3])
-    assert np.isnan(maps[1].z[2]) and maps[1].count.tolist() == [1, 1, 0, 1]
-
-
-def test_a_column_for_each_segment_is_the_same_table(tmp_path, capsys):
-    path = tmp_path / 'wide.csv'
-    path.write_text('layer,s1,s2,s3\n1,2.0,2.1,2.2\n2,4.0,,4.2\nx,1,1,1\n')
-    run('import', path)
-    text = capsys.readouterr().out
-    assert text.count('segment_height, unit: mm}  # GUESSED') == 3
-    (tmp_path / 'm.yaml').write_text(text)
-    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'o') == 0
-    assert (
-        '1 rows left out: layer or segment is no whole number from 0 (line 4)'
-        in capsys.readouterr().out
-    )
-    with AnyReader([tmp_path / 'o']) as reader:
-        maps = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
-    assert [m.layer for m in maps] == [1, 2]
-    assert maps[0].z.tolist() == pytest.approx([2e-3, 2.1e-3, 2.2e-3]) and np.isnan(maps[1].z[1])
-    (tmp_path / 'm.yaml').write_text(text.replace('layer: {is: layer}', 'layer: {is: number}'))
-    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'p') == 1
-    assert 'need a column layer' in capsys.readouterr().err
-
-
 def test_two_logs_of_one_run(tmp_path, capsys):
     arc, scan = tmp_path / 'arc.csv', tmp_path / 'scan.csv'
     arc.write_text('time,x,y,z\n36:51.1,1,2,3\n36:51.2,2,2,3\n36:51.3,20,2,3\n')
@@ -249,20 +211,16 @@ def test_minutes_take_the_hour_that_brings_two_logs_together(
 
 
 def test_ros_exports_keep_the_stamps_of_their_messages(tmp_path, capsys):
-    path = tmp_path / 'joint_states.csv'
+    path = tmp_path / 'temperature.csv'
     path.write_text(
-        'rosbagTimestamp,secs,nsecs,frame_id,- joint_a,- joint_b,position\n'
-        '1666985301185212971,1666985301,177676916,\'\',"[0.05, -0.0521]"\n'
-        '1666985301285212971,1666985301,277676916,\'\',"[x]"\n'
+        "rosbagTimestamp,secs,nsecs,frame_id,temperature\n"
+        "1666985301185212971,1666985301,177676916,'',180.5\n"
     )
-    run('import', path)
-    (tmp_path / 'm.yaml').write_text(capsys.readouterr().out)
-    assert run('import', path, '--mapping', tmp_path / 'm.yaml', '-o', tmp_path / 'o') == 0
+    assert run('import', path, '--yes', '-o', tmp_path / 'o') == 0
     with AnyReader([tmp_path / 'o']) as reader:
         ((c, stamp, raw),) = list(reader.messages())
         message = reader.deserialize(raw, c.msgtype)
-    assert stamp == 1666985301177676916 and message.name == ['joint_a', 'joint_b']
-    assert message.position.tolist() == [0.05, -0.0521]
+    assert stamp == 1666985301177676916 and message.temperature == 180.5
 
 
 def test_help_teaches(capsys):

@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from recorder_graph import SLOW_DISK, START, Graph
+from recorder_graph import SLOW_DISK, START, STOP_SOON, Graph
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
@@ -22,6 +22,10 @@ from waam_node.qos import BEAT, EVENTS, LATCHED, TELEMETRY
 from waam_record.bag_copy import recover
 from waam_record.bag_reader import check, info
 from waam_record.node_session import RecorderParams
+
+# what a program before START changes
+SMALL_HISTORY = 'from waam_record import node_taps, node_thread\nnode_taps.DEPTH, node_thread.POLL_S = 20, 0.1\n'
+METADATA_SOON = 'from waam_record import recording\nrecording.METADATA_S = 1.0\n'
 
 
 def fill(node: Node) -> HeightMap:
@@ -83,7 +87,7 @@ def test_a_job_is_recorded_whole(graph, tmp_path):
 
 
 def test_what_the_middleware_loses_is_counted(graph, tmp_path):
-    g = graph('depth:=20', 'poll_period:=0.1')
+    g = graph(program=SMALL_HISTORY + START)
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'record')).success
     telemetry.publish(Telemetry())  # counting begins with the first that is heard
@@ -164,12 +168,8 @@ def test_pause_and_refusals(graph, tmp_path):
 
 
 def test_choice_split_and_parameters(graph, tmp_path):
-    """Only what is chosen; the next file when it is asked for, with latched messages; the parameters of the nodes."""
-    g = graph(
-        'topics:=/height_map',
-        'types:=waam_msgs/msg/JobStatus',
-        'metadata_period:=1.0',
-    )
+    """All but what is left out; the next file when asked for, with latched messages; the parameters of the nodes."""
+    g = graph('exclude:=telemetry|heartbeat', program=METADATA_SOON + START)
     fill(g.node)
     other = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     status = g.node.create_publisher(JobStatus, 'any_name', EVENTS)
@@ -191,11 +191,12 @@ def test_choice_split_and_parameters(graph, tmp_path):
     g.spin_until(lambda: b'parameters.recorder' in metadata(tmp_path), 60)
     assert g.call(Record.Request.STOP).success
     listed = info(tmp_path / 'record')
-    assert set(listed.topics) == {'/height_map', '/any_name'}
+    assert {'/height_map', '/any_name'} <= set(listed.topics)
+    assert not {'/telemetry', '/heartbeat'} & set(listed.topics)
     assert [info(f).topics['/any_name'].messages for f in listed.files] == [3, 1, 2]
     assert all(info(f).topics['/height_map'].messages == 1 for f in listed.files)
     parameters = json.loads(listed.custom_data['parameters.recorder'])
-    assert parameters['metadata_period'] == 1.0 and listed.custom_data['version.mcap']
+    assert parameters['min_free_mb'] == 200 and listed.custom_data['version.mcap']
 
 
 def longest_silence(g: Graph, act) -> float:
@@ -230,7 +231,7 @@ def test_a_slow_disk_never_silences_the_node(graph, tmp_path):
 
 
 def test_stop_answers_although_the_disk_does_not_and_the_next_start_need_not_wait(graph, tmp_path):
-    g = graph('close_timeout:=0.5', program=SLOW_DISK.format(seconds=1.5) + START)
+    g = graph(program=SLOW_DISK.format(seconds=1.5) + STOP_SOON + START)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'first')).success
     answer = g.call(Record.Request.STOP)
     assert not answer.success and 'first is not closed yet' in answer.message

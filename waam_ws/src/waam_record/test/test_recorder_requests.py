@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from recorder_graph import START
+from recorder_graph import START, STOP_SOON
 
 from waam_msgs.msg import Telemetry
 from waam_msgs.srv import Record
@@ -49,10 +49,10 @@ def grows(g, telemetry, folder: Path, seconds: float = 2.5) -> bool:
 def blocked(graph, tmp_path):
     """A recorder whose disk answers nothing while the file `gate` is there."""
 
-    def make(start_s: float = 20.0, *parameters: str):
+    def make(start_s: float = 20.0, more: str = ''):
         gate = tmp_path / 'gate'
-        program = BLOCKED_DISK.format(gate=str(gate), start_s=start_s) + START
-        g = graph(*parameters, program=program)
+        program = BLOCKED_DISK.format(gate=str(gate), start_s=start_s) + more + START
+        g = graph(program=program)
         assert not g.call(0).success
         gate.touch()
         return g, gate
@@ -91,7 +91,7 @@ def test_start_that_a_disk_keeps_too_long_fails_and_leaves_nothing_at_work(block
 
 
 def test_stop_while_the_disk_is_blocked_answers_and_acts_when_it_is_free(blocked, tmp_path):
-    g, gate = blocked(20.0, 'close_timeout:=0.5')
+    g, gate = blocked(20.0, STOP_SOON)
     telemetry = g.node.create_publisher(Telemetry, 'telemetry', TELEMETRY)
     folder = tmp_path / 'record'
     start = send(g, Record.Request.START, directory=str(folder))

@@ -100,6 +100,7 @@ def test_recover_writes_exactly_what_is_whole(tmp_path, share):
     path = write(tmp_path / 'record')
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
     wanted, _ = read(path)
+    assert not check(path).sound and info(path).broken and info(path).messages == len(wanted)
     saved = recover(tmp_path / 'record', tmp_path / 'saved')
     found, damage = read(tmp_path / 'saved/saved_0.mcap')
     assert not damage and found == wanted and saved.messages == len(wanted)

@@ -1,11 +1,11 @@
-"""Recordings made from recordings: repaired, cut or joined."""
+"""Recordings made from recordings: repaired or cut."""
 
 from __future__ import annotations
 
 import heapq
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.reader import make_reader
@@ -146,90 +146,30 @@ def _file_messages(
             ) from None
 
 
-@dataclass
-class Copy:
-    """Settings of a written copy."""
-
-    compression: str = 'zstd'  # see `COMPRESSIONS`
-    file_bytes: int = 0  # next file above this size; 0 = one file
-    custom_data: dict[str, str] = field(default_factory=dict)
-
-
 def convert(
-    paths: list[Path],
+    path: Path,
     output: Path,
     selection: Selection = Selection(),
-    settings: Copy | None = None,
+    compression: str = 'zstd',
     progress: Progress = lambda n: None,
 ) -> int:
-    """Writes (parts of) one or several recordings as one, by log time; returns the number of messages. Latched messages
-    that the sources repeat after a split are taken once. BagError names topics that the sources know with different
-    types, and files that are not whole."""
-    settings = settings or Copy()
-    files = [f for path in paths for f in bag_files(path)]
-    conflicts = type_conflicts(files)
-    if conflicts:
-        raise BagError('; '.join(conflicts))
-    custom = dict(settings.custom_data)
-    for path in paths:
-        custom = {**info(path).custom_data, **custom}
-    if len(paths) > 1:
-        custom['merged_from'] = ', '.join(Path(p).resolve().name for p in paths)
-    writer = BagWriter(output, custom, compression=settings.compression)
+    """Writes (a part of) a recording as a new one, by log time; returns the number of messages. Latched messages that
+    were repeated after a split are taken once. compression: of `COMPRESSIONS`. BagError names a file that is not
+    whole."""
+    writer = BagWriter(output, info(path).custom_data, compression=compression)
+    numbers: dict[str, int] = {}
     try:
-        _copy(messages(files, selection), writer, settings.file_bytes, progress)
+        for n, (topic, m) in enumerate(messages(bag_files(path), selection)):
+            if topic.name not in numbers:
+                numbers[topic.name] = writer.add_topic(topic)
+            number = numbers[topic.name]
+            if not writer.is_repeat(number, m.publish_time, m.sequence):
+                writer.write(number, m.log_time, m.publish_time, m.sequence, m.data)
+            if n % 1000 == 999:
+                progress(1000)
     finally:
         writer.close()
     return writer.messages
-
-
-def _copy(
-    source: Iterator[tuple[Topic, Message]], writer: BagWriter, file_bytes: int, progress: Progress
-) -> None:
-    numbers: dict[str, int] = {}
-    for n, (topic, m) in enumerate(source):
-        number = numbers.get(topic.name)
-        if number is None:
-            number = numbers[topic.name] = writer.add_topic(topic)
-        if not writer.is_repeat(number, m.publish_time, m.sequence):
-            writer.write(number, m.log_time, m.publish_time, m.sequence, m.data)
-        if n % 1000 == 999:
-            progress(1000)
-            if 0 < file_bytes <= writer.file_bytes:
-                writer.split()
-
-
-def type_conflicts(files: list[Path]) -> list[str]:
-    """Topics that files know with different types or definitions, in words; one topic can have one type only."""
-    known: dict[str, tuple[Topic, Path]] = {}
-    conflicts: list[str] = []
-    for file in files:
-        for topic in topics_of(file):
-            first, where = known.setdefault(topic.name, (topic, file))
-            if first.type != topic.type:
-                conflicts.append(f'{topic.name} is {first.type} in {where}, {topic.type} in {file}')
-            elif first.definition != topic.definition:
-                conflicts.append(
-                    f'{topic.name}: {topic.type} is defined differently in {where} and {file}'
-                )
-    return conflicts
-
-
-def qos_conflicts(files: list[Path]) -> list[str]:
-    """Topics whose publishers offered different quality of service in different files; the first one is kept."""
-    known: dict[str, tuple[Topic, Path]] = {}
-    conflicts: list[str] = []
-    for file in files:
-        for topic in topics_of(file):
-            first, where = known.setdefault(topic.name, (topic, file))
-            here, there = ({_strength(q) for q in t.qos} for t in (first, topic))
-            if here != there:
-                conflicts.append(f'{topic.name} was offered differently in {where} and {file}')
-    return conflicts
-
-
-def _strength(profile: dict) -> tuple:
-    return profile.get('reliability'), profile.get('durability')
 
 
 def topics_of(file: Path) -> list[Topic]:

@@ -21,7 +21,8 @@ from waam_node.files import write_atomically
 
 from . import __name__ as LIBRARY
 
-METADATA_VERSION = 9  # rosbag2 of ROS 2 Jazzy
+METADATA_VERSION, DISTRIBUTION = 9, 'jazzy'  # rosbag2 of ROS 2 Jazzy
+CHUNK_BYTES = 1 << 20
 COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
     'lz4': CompressionType.LZ4,
@@ -72,8 +73,6 @@ class BagWriter:
         directory: Path,
         custom_data: Mapping[str, str] | None = None,
         name: str = '',
-        chunk_bytes: int = 1 << 20,
-        distribution: str = 'jazzy',
         compression: str = 'zstd',
     ) -> None:
         if compression not in COMPRESSIONS:
@@ -82,7 +81,6 @@ class BagWriter:
         self.directory = Path(directory)
         self.name = name or self.directory.resolve().name
         self.custom_data = dict(custom_data or {})
-        self._chunk_bytes, self._distribution = chunk_bytes, distribution
         self._compression = COMPRESSIONS[compression]
         self.topics: list[Topic] = []
         self.counts: list[int] = []
@@ -111,11 +109,6 @@ class BagWriter:
     def file_bytes(self) -> int:
         """Size of the current file so far."""
         return self._file.stream.tell()
-
-    @property
-    def file_duration_ns(self) -> int:
-        """Log time between the first and the last message of the current file."""
-        return self._file.last_ns - self._file.first_ns
 
     def is_repeat(self, topic: int, publish_ns: int, sequence: int) -> bool:
         """Whether this is the latched message that the topic held already (as after a split)."""
@@ -171,7 +164,7 @@ class BagWriter:
         stream = open(path, 'wb', buffering=1 << 20)  # noqa: SIM115  closed in _finish
         writer = Writer(
             stream,
-            chunk_size=self._chunk_bytes,
+            chunk_size=CHUNK_BYTES,
             compression=self._compression,
             enable_data_crcs=True,
         )
@@ -236,7 +229,7 @@ class BagWriter:
             'relative_file_paths': [f.path.name for f in files],
             'files': [_file_information(f) for f in files],
             'custom_data': self.custom_data,
-            'ros_distro': self._distribution,
+            'ros_distro': DISTRIBUTION,
         }
         return {'rosbag2_bagfile_information': info}
 

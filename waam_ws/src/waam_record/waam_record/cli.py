@@ -1,4 +1,4 @@
-"""`waam record`: look at recordings, verify, save, cut, join and import them; run, start and stop a recorder."""
+"""`waam record`: look at recordings, verify, save, cut and import them; start and stop the recorder."""
 
 from __future__ import annotations
 
@@ -6,35 +6,22 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from . import file_commands
 from .file_commands import error as _error
 
 _EXAMPLES = """examples:
   waam record info jobs/latest                what is in it: topics, messages, losses, duration
-  waam record check jobs/latest               reads every chunk again and compares with the index
+  waam record check jobs/latest               reads every byte again and compares checksums and counts
   waam record recover jobs/latest             saves what is whole in a recording that was cut off
   waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
-  waam record merge monday tuesday -o both --compression none
-  waam record import run.bag -o run
   waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
   waam record import weld.csv --mapping mapping.yaml -o weld.mcap
-  waam record run /tmp/record --types sensor_msgs/msg/Temperature      until Ctrl-C, like ros2 bag record
   waam record start /tmp/record --note wire=ER70S-6                    the recorder of the graph
   waam record status                          messages, losses per topic, now
 
 A recording is a folder with MCAP files and metadata.yaml: `ros2 bag play FOLDER`, rosbags, Foxglove,
 PlotJuggler and rerun open it."""
-CHOICE = ('topics', 'types', 'regex', 'exclude')
-RUN: dict[str, dict[str, Any]] = {
-    '--topics': {'nargs': '+', 'default': [], 'metavar': 'NAME'},
-    '--types': {'nargs': '+', 'default': [], 'metavar': 'TYPE'},
-    '--regex': {'default': '', 'help': 'topics that it is found in'},
-    '--exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
-    '--split-mb': {'type': int, 'default': 2048},
-    '--split-time': {'type': float, 'default': 0.0, 'metavar': 'S'},
-}
 
 
 @dataclass(frozen=True)
@@ -50,48 +37,14 @@ def register(commands: argparse._SubParsersAction, graph: Graph = Graph()) -> No
     """Adds the verb `record` with its sub-verbs."""
     parser = commands.add_parser(
         'record',
-        help='recordings: look, verify, save, convert, merge, import; run a recorder',
+        help='recordings: look, verify, save, convert, import; steer the recorder',
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest='record_verb', required=True, metavar='VERB')
     file_commands.register(verbs)
-    _register_run(verbs, graph)
     _register_control(verbs, graph)
-
-
-def _register_run(verbs: argparse._SubParsersAction, graph: Graph) -> None:
-    text = 'record the graph of a cell or ROS domain until Ctrl-C; all topics, or those that are chosen'
-    run = verbs.add_parser('run', help=text, description=text)
-    run.add_argument('directory', metavar='FOLDER', help='must not exist yet')
-    for name, options in RUN.items():
-        run.add_argument(name, **options)
-    graph.add_options(run)
-    run.set_defaults(run_command=lambda args: _run(args, graph.domain(args)))
-
-
-def _run(args: argparse.Namespace, domain: int | None) -> int:
-    import os
-    import subprocess
-    import sys
-    from pathlib import Path
-
-    values = {'directory': str(Path(args.directory).resolve())}
-    values |= {n: ' '.join(v) if isinstance(v := getattr(args, n), list) else v for n in CHOICE}
-    pairs = [f'{n}:={v!r}' for n, v in values.items() if v]
-    pairs += [f'split_mb:={args.split_mb}', f'split_time:={args.split_time}']
-    command = [sys.executable, '-c', 'from waam_record.recorder_node import main; main()']
-    command += ['--ros-args', '-r', f'__node:=recorder_{os.getpid()}']
-    there = {} if domain is None else {'ROS_DOMAIN_ID': str(domain)}
-    parameters = [a for p in pairs for a in ('-p', p)]
-    process = subprocess.Popen(command + parameters, env=os.environ | there)
-    print('recording; Ctrl-C ends it')
-    try:
-        return process.wait()
-    except KeyboardInterrupt:
-        process.wait()
-        return 0
 
 
 def _register_control(verbs: argparse._SubParsersAction, graph: Graph) -> None:

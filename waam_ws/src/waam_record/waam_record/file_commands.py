@@ -1,21 +1,20 @@
-"""`waam record` on files: info, check, recover, convert, merge, import."""
+"""`waam record` on files: info, check, recover, convert, import."""
 
 from __future__ import annotations
 
 import argparse
 import shutil
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from waam_node import job_folder
+from waam_process.cli_options import as_table
 
 from . import import_command
 
 if TYPE_CHECKING:
-    from .bag_copy import Selection
     from .bag_reader import Info
 
 PATH = 'recording folder, job folder or .mcap file'
@@ -28,15 +27,8 @@ def recording(text: str) -> Path:
     return inside if not any(path.glob('*.mcap')) and any(inside.glob('*.mcap')) else path
 
 
-COPY: dict[str, dict[str, Any]] = {
-    '--compression': {'choices': ('zstd', 'lz4', 'none'), 'default': 'zstd'},
-    '--split-mb': {
-        'type': float,
-        'default': 0.0,
-        'help': 'next file above this size; 0 = one file',
-    },
-}
 PART: dict[str, dict[str, Any]] = {
+    '--compression': {'choices': ('zstd', 'lz4', 'none'), 'default': 'zstd'},
     '--topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
     '--regex': {'default': '', 'help': 'only topics that this regular expression is found in'},
     '--exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
@@ -53,17 +45,9 @@ PART: dict[str, dict[str, Any]] = {
 def register(verbs: argparse._SubParsersAction) -> None:
     """Adds the verbs that work on files."""
 
-    def verb(
-        name: str, run: Callable, text: str, *more: dict[str, dict[str, Any]], many: bool = False
-    ) -> argparse.ArgumentParser:
+    def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:
         p = verbs.add_parser(name, help=text, description=text)
-        where: dict[str, Any] = {'nargs': '+'} if many else {}
-        p.add_argument(
-            'paths' if many else 'path', type=recording, metavar='PATH', help=PATH, **where
-        )
-        for options in more:
-            for option, settings in options.items():
-                p.add_argument(option, **settings)
+        p.add_argument('path', type=recording, metavar='PATH', help=PATH)
         p.set_defaults(run_command=run)
         return p
 
@@ -75,16 +59,12 @@ def register(verbs: argparse._SubParsersAction) -> None:
     recover = verb('recover', _recover, text)
     text = 'new folder (default: PATH with _recovered added)'
     recover.add_argument('-o', '--output', type=Path, help=text)
-    text = 'a part of a recording, or the same in another form (topics, time, compression); also of a folder with .db3'
-    new = [verb('convert', _convert, text, COPY, PART)]
-    text = (
-        'several recordings as one, in the order of time; topics that do not fit together are named'
-    )
-    new.append(verb('merge', _merge, text, COPY, many=True))
-    for p in new:
-        p.add_argument(
-            '-o', '--output', type=Path, required=True, metavar='FOLDER', help='new folder'
-        )
+    text = 'a part of a recording, or the same in another form (topics, time, compression)'
+    new = verb('convert', _convert, text)
+    for option, settings in PART.items():
+        new.add_argument(option, **settings)
+    text = 'new folder'
+    new.add_argument('-o', '--output', type=Path, required=True, metavar='FOLDER', help=text)
     import_command.register(verbs)
 
 
@@ -110,19 +90,11 @@ def _info(args: argparse.Namespace) -> int:
 
 def _table(found: Info) -> str:
     head = ('topic', 'type', 'messages', 'Hz', 'lost', 'dropped')
-    rows = [head]
+    rows = []
     for name, t in sorted(found.topics.items()):
         rate = f'{t.messages / found.duration_s:.1f}' if found.duration_s > 0 else ''
         rows.append((name, t.type, str(t.messages), rate, str(t.lost), str(t.dropped)))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    lines = []
-    for row in rows:
-        cells = [
-            c.ljust(w) if i < 2 else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append('  '.join(cells))
-    return '\n'.join(lines)
+    return as_table(head, rows, left=2)
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -157,68 +129,24 @@ def _recover(args: argparse.Namespace) -> int:
     return 0
 
 
-@contextmanager
-def _progress(text: str, total: int | None) -> Iterator[Callable[[int], None]]:
+def _convert(args: argparse.Namespace) -> int:
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(text, total=total)
-        yield lambda n: bar.advance(task, n)
-
-
-def _convert(args: argparse.Namespace) -> int:
-    from .bag_copy import Selection
-    from .importing import import_bag
-
-    if args.path.is_dir() and list(args.path.glob('*.db3')):
-        return _run(
-            'converting',
-            args.output,
-            None,
-            lambda tick: import_bag(args.path, args.output, tick),
-        )
-    selection = Selection(tuple(args.topics), args.regex, args.exclude, args.start, args.end)
-    return _copy(args, [args.path], selection, 'converting')
-
-
-def _merge(args: argparse.Namespace) -> int:
-    from .bag_copy import Selection, qos_conflicts
-    from .bag_reader import bag_files
-
-    try:
-        files = [f for p in args.paths for f in bag_files(p)]
-    except (ValueError, OSError) as e:
-        return error(e)
-    for text in qos_conflicts(files):
-        print(f'note: {text}; the first one is kept', file=sys.stderr)
-    return _copy(args, args.paths, Selection(), 'merging')
-
-
-def _copy(args: argparse.Namespace, paths: list[Path], selection: Selection, text: str) -> int:
-    from .bag_copy import Copy, convert
+    from .bag_copy import Selection, convert
     from .bag_reader import info
 
-    settings = Copy(args.compression, round(args.split_mb * 1e6))
+    selection = Selection(tuple(args.topics), args.regex, args.exclude, args.start, args.end)
     try:
-        total = sum(info(p).messages for p in paths)
+        total = info(args.path).messages
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task('converting', total=total)
+            count = convert(
+                args.path, args.output, selection, args.compression, lambda n: bar.advance(task, n)
+            )
     except (ValueError, OSError) as e:
         return error(e)
-    return _run(
-        text,
-        args.output,
-        total,
-        lambda tick: convert(paths, args.output, selection, settings, tick),
-    )
-
-
-def _run(text: str, output: Path, total: int | None, work: Callable[[Callable], int]) -> int:
-    try:
-        with _progress(text, total) as tick:
-            count = work(tick)
-    except (ValueError, OSError) as e:
-        return error(e)
-    print(f'{count} messages in {output}')
+    print(f'{count} messages in {args.output}')
     return 0
 
 

@@ -9,16 +9,16 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .bag_writer import BagError
+from .bag_writer import BagError, BagWriter
 
 if TYPE_CHECKING:
     from .foreign.logs import Log
     from .foreign.mapping import FileMap
     from .log_column import Column
 
-TEXT = 'logs of others as one recording: any text with columns, ROS 1 bags'
+TEXT = 'logs of others as one recording: any text with columns'
 EPILOG = """\
-Bags (.bag, .db3, a folder) say themselves what they hold. Any other file is text with columns, and needs a mapping:
+A file of text with columns needs a mapping (bags of ROS need none: rosbags-convert):
 what each column is, its unit, how time is written. Without one this command reads the files, proposes one and writes
 nothing:
 
@@ -44,7 +44,6 @@ The mapping file, one entry per file name (or pattern, as in "scan_*.csv"):
         start: 2026-01-31T16:00:00Z      # what times without a date count from
         offset_s: 0               # is added: the clock of this file against the others
       travel: {direction: '-x', speed_mm_s: 33.3, start_mm: [440, 0, 40]}   # where no column says where the torch was
-      segment_length_mm: 5        # of tables of heights by layer and segment
       columns:
         I: {is: arc_current, unit: A}
         note: {is: ignore}
@@ -53,8 +52,7 @@ is: position_x _y _z, travel_speed, wire_feed_speed, wire_feed_commanded, arc_cu
     temperature                                                              -> /temperature
     profile_x, profile_height | profile_distance, profile_intensity          -> /profiles (lists, or one point per line
                                                                                 with point_profile)
-    layer, segment, segment_height (or a column segment_height per segment)  -> /height_map
-    joints -> joint_states; number -> /<file>/<column>; ignore
+    number -> /<file>/<column>; ignore
 unit: m mm um in | m/s mm/s m/min mm/min cm/min in/min | A kA mA | V mV | C K F
 
 `waam record info`, `ros2 bag play`, `waam view` and, with profiles and positions, `waam scan fuse` read the result.
@@ -63,6 +61,8 @@ docs/recordings.md walks through one log in ten minutes.
 exit status: 0 written, 1 refused (the text says what and where), 3 a mapping is proposed and nothing was written
 """
 PROPOSED = 3
+BAGS = ('.bag', '.db3')
+CONVERTED = '--dst NEW --dst-storage mcap --dst-typestore ros2_jazzy'
 
 
 def register(verbs: argparse._SubParsersAction) -> None:
@@ -98,31 +98,30 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from .foreign import logs as foreign
-    from .importing import known, read_bag
 
     for path in args.paths:
         if not path.exists():
             raise BagError(f'{path}: no such file')
+        if path.is_dir() or path.suffix.lower() in BAGS:
+            raise BagError(
+                f'{path}: a bag says itself what it holds: rosbags-convert --src {path} {CONVERTED}'
+            )
     if args.output and args.output.exists():
         raise BagError(f'{args.output} exists already: a recording is never overwritten')
-    texts = [p for p in args.paths if not known(p)]
-    if args.mapping and not texts:
-        raise BagError(f'{args.mapping}: these files say themselves what they hold, leave it out')
     if args.mapping and args.yes:
         raise BagError('--mapping and --yes contradict each other')
-    if twice := [p.name for p in texts if [q.name for q in texts].count(p.name) > 1]:
+    names = [p.name for p in args.paths]
+    if twice := [n for n in names if names.count(n) > 1]:
         raise BagError(f'two files are called {twice[0]}: a mapping cannot tell them apart')
-    logs = foreign.read_logs(texts, _mapping(args.mapping), str(args.mapping)) if texts else []
-    if logs and not args.mapping and not _accepted(args, logs):
+    logs = foreign.read_logs(args.paths, _mapping(args.mapping), str(args.mapping))
+    if not args.mapping and not _accepted(args, logs):
         return PROPOSED
     if args.output is None:
         raise BagError('say where the recording goes: -o OUT.mcap')
-    columns = [c for p in args.paths if known(p) for c in read_bag(p)]
-    made, told = foreign.make(logs)
+    columns, told = foreign.make(logs)
     for line in told:
         print(line)
-    count = _write([*columns, *made], args.output, [p.name for p in args.paths])
-    print(f'{count} messages in {args.output}')
+    print(f'{_write(columns, args.output, names)} messages in {args.output}')
     return 0
 
 
@@ -162,8 +161,7 @@ def _accepted(args: argparse.Namespace, logs: list[Log]) -> bool:
 
 
 def _write(columns: list[Column], output: Path, sources: list[str]) -> int:
-    from .importing import write
-
+    """A folder, or a file that ends in .mcap. Returns the number of messages."""
     if output.suffix != '.mcap':
         return write(columns, output, sources)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -172,3 +170,17 @@ def _write(columns: list[Column], output: Path, sources: list[str]) -> int:
         count = write(columns, inside, sources)
         shutil.move(next(inside.glob('*.mcap')), output)
     return count
+
+
+def write(columns: list[Column], output: Path, sources: list[str]) -> int:
+    """One recording of topics, by time; returns the number of messages."""
+    rows = [(stamp, number, data) for number, c in enumerate(columns) for stamp, data in c.messages]
+    rows.sort(key=lambda row: row[0])
+    writer = BagWriter(output, {'imported_from': ', '.join(sources)})
+    sequences = [0] * len(columns)
+    numbers = [writer.add_topic(c.topic) for c in columns]
+    for stamp, number, data in rows:
+        sequences[number] += 1
+        writer.write(numbers[number], stamp, stamp, sequences[number], data)
+    writer.close()
+    return writer.messages

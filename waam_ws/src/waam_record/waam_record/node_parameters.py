@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import json
-from array import array
 from typing import Any
 
-from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 
 from .choice import is_below
 
-_FIELDS = (
-    None, 'bool_value', 'integer_value', 'double_value', 'string_value', 'byte_array_value',
-    'bool_array_value', 'integer_array_value', 'double_array_value', 'string_array_value',
-)  # fmt: skip
 # looks without an answer after which a node is asked again (a first answer can be lost)
 PATIENCE = 5
-
-
-def value_of(msg: ParameterValue) -> Any:
-    """The Python value of a parameter; None when it is not set."""
-    field = _FIELDS[msg.type]
-    if field is None:
-        return None
-    value = getattr(msg, field)
-    return list(value) if isinstance(value, array | list | tuple) else value
 
 
 class _Asked:
@@ -49,7 +35,7 @@ class _Asked:
             if self.names is None:
                 self.names = list(result.result.names)
             else:
-                values = map(value_of, result.values)
+                values = map(parameter_value_to_python, result.values)
                 pairs = dict(zip(self.names, values, strict=False))
                 self.text = json.dumps(pairs, sort_keys=True, default=str)
                 return

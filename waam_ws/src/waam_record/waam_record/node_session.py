@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.context import Context
@@ -23,40 +23,11 @@ from .recording import Limits, Recording
 class RecorderParams:
     """Parameters of the node, with default, meaning, unit and limits."""
 
-    directory: str = param(
-        '', 'record into this folder from the start; empty = wait for recorder/control'
-    )
-    topics: str = param('', 'names of topics, separated by blanks; see below')
-    regex: str = param('', 'regular expression; topics it is found in are recorded')
-    types: str = param('', 'message types, separated by blanks; topics of these are recorded')
     exclude: str = param('', 'regular expression; topics it is found in are not recorded')
-    poll_period: float = param(
-        0.02, 'time between two looks into the subscriptions', 's', 0.001, 0.1
-    )
-    discovery_period: float = param(1.0, 'time between two looks for new topics', 's', 0.05, 60.0)
-    depth: int = param(
-        5000, 'messages that the middleware keeps per topic between two looks', '', 10, 100000
-    )
-    metadata_period: float = param(10.0, 'metadata.yaml is renewed this often', 's', 1.0, 3600.0)
     split_mb: int = param(2048, 'next file when one is this large; 0 = never', 'MB', 0, 1048576)
-    split_time: float = param(
-        0.0, 'next file when one spans this much log time; 0 = never', 's', 0.0, 1e6
-    )
     min_free_mb: int = param(
         200, 'recording ends properly when the disk has less left', 'MB', 0, 1048576
     )
-    close_timeout: float = param(
-        20.0,
-        'STOP answers after this long at the latest; a slow disk then goes on by itself',
-        's',
-        0.1,
-        600.0,
-    )
-
-    @property
-    def choice(self) -> Choice:
-        """ChoiceError when an expression is none."""
-        return Choice(self.topics, self.regex, self.types, self.exclude)
 
 
 class Session:
@@ -77,16 +48,11 @@ class Session:
         on_progress: Callable[[], None] = lambda: None,
         namespace: str = '/',
     ) -> None:
-        limits = Limits(
-            params.metadata_period,
-            params.split_mb << 20,
-            params.split_time,
-            params.min_free_mb << 20,
-        )
+        limits = Limits(params.split_mb << 20, params.min_free_mb << 20)
         require_space(directory, limits.free_bytes)
         writer = BagWriter(directory, {**versions(), **job_files(directory), **custom_data})
         self.recording = Recording(writer, limits)
-        self.taps = Taps(context, params.depth, replace(params.choice, below=namespace))
+        self.taps = Taps(context, Choice(params.exclude, namespace))
         self.parameters = ParameterReader(context, namespace)
         self.paused = False
         self._simulated, self._on_progress = simulated, on_progress

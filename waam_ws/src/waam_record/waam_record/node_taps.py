@@ -21,6 +21,9 @@ from .conversions import adapt, is_latched, message_type, qos_dict
 from .definitions import DefinitionError, ament_prefixes, full_text
 from .loss import LossCounter
 
+DEPTH = (
+    5000  # messages that the middleware keeps per topic between two looks: a second of the fastest
+)
 Sample = tuple[int, 'Tap', bytes, dict]
 
 
@@ -46,7 +49,7 @@ class Taps:
     """All taps of one recording. A node of its own, in no executor, holds them; everything runs in
     the caller's thread."""
 
-    def __init__(self, context: Context, depth: int, choice: Choice = Choice()) -> None:
+    def __init__(self, context: Context, choice: Choice) -> None:
         self._node = Node(
             '_recorder_taps',
             context=context,
@@ -54,7 +57,6 @@ class Taps:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._depth = depth
         self._choice = choice
         self.taps: dict[str, Tap] = {}
         self.skipped: dict[str, str] = {}
@@ -69,7 +71,7 @@ class Taps:
         return len(self.taps) - before
 
     def _look(self, name: str, kinds: list[str]) -> Tap | None:
-        if name in self.skipped or not self._choice.wants(name, kinds):
+        if name in self.skipped or not self._choice.wants(name):
             return None
         offers = self._node.get_publishers_info_by_topic(name)
         tap = self.taps.get(name)
@@ -90,7 +92,7 @@ class Taps:
 
     def _tap(self, name: str, kind: str, offers: list) -> Tap:
         hashes = {str(o.topic_type_hash) for o in offers}
-        qos = adapt([o.qos_profile for o in offers], self._depth)
+        qos = adapt([o.qos_profile for o in offers], DEPTH)
         topic = Topic(
             name,
             kind,
@@ -111,7 +113,7 @@ class Taps:
         tap.offered = len(offers)
         tap.publishers.update(bytes(o.endpoint_gid).hex() for o in offers)
         tap.loss.publishers = max(1, len(tap.publishers))
-        weakest = adapt([tap.qos, *(o.qos_profile for o in offers)], self._depth)
+        weakest = adapt([tap.qos, *(o.qos_profile for o in offers)], DEPTH)
         if (weakest.reliability, weakest.durability) != (tap.qos.reliability, tap.qos.durability):
             self._node.destroy_subscription(tap.subscription)
             tap.qos = weakest

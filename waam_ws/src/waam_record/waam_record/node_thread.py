@@ -22,6 +22,9 @@ from .recording import Recording
 from .request import Answer, Request, Status
 
 IN_FLIGHT_S = 0.1  # STOP waits this long for messages that are on their way
+POLL_S = 0.02  # between two looks into the subscriptions
+DISCOVERY_S = 1.0  # between two looks for new topics
+CLOSE_S = 20.0  # STOP answers after this long at the latest; a slow disk then goes on by itself
 STATUS_S = 1.0  # time between two looks at the state of the recording
 MATCH_S = 2.0  # START waits this long for the known publishers to connect
 SETTLE_S = 0.25  # START answers this long after the last one connected
@@ -65,10 +68,8 @@ class RecordingThread:
         self.failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name='recording', daemon=True)
 
-    def start(self, directory: str = '') -> None:
-        """Begins, with a recording when a directory is given. Raises BagError, OSError."""
-        if directory:
-            self._begin(directory, {})
+    def start(self) -> None:
+        """Begins to wait for requests."""
         self._progressed = time.monotonic()
         self._thread.start()
 
@@ -99,7 +100,7 @@ class RecordingThread:
         for request in waiting:
             late = now - request.asked
             if request.code != Record.Request.START:
-                if late > self._params.close_timeout + 1.0:
+                if late > CLOSE_S + 1.0:
                     text = 'the disk does not answer; it is done when it does'
                     request.answer(Answer(False, text))
             elif late > START_S:
@@ -134,7 +135,7 @@ class RecordingThread:
                 now = time.monotonic()
                 self._look_at_client(now)
                 if now >= look:
-                    look = now + self._params.discovery_period
+                    look = now + DISCOVERY_S
                     self._discover()
                 self._drain()
                 if now >= report:
@@ -151,12 +152,12 @@ class RecordingThread:
     def _serve(self) -> None:
         """Continues the current request, or takes the next one; waits one poll period for it."""
         if self._unfinished is not None:
-            time.sleep(self._params.poll_period)
+            time.sleep(POLL_S)
             if self._unfinished():
                 self._unfinished = None
             return
         try:
-            request = self._requests.get(timeout=self._params.poll_period)
+            request = self._requests.get(timeout=POLL_S)
         except queue.Empty:
             return
         try:
@@ -236,10 +237,10 @@ class RecordingThread:
         return bool(node) and other and asks.partition('@')[0] == node
 
     def _stop(self, request: Request) -> Callable[[], bool] | None:
-        """Answers when the files are closed and verified, or after `close_timeout` that they are not. One that is
+        """Answers when the files are closed and verified, or after CLOSE_S that they are not. One that is
         stopped already is answered again; one that is not recorded needs no STOP."""
         arrived = time.monotonic() + IN_FLIGHT_S
-        give_up = arrived + self._params.close_timeout
+        give_up = arrived + CLOSE_S
         session = self._session
         if session is None or not request.concerns(session.directory):
             session = self._ended

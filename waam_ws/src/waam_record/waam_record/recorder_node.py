@@ -14,6 +14,7 @@ from waam_node.node import main as run_main
 from waam_node.qos import EVENTS
 
 from .bag_writer import BagError
+from .choice import Choice
 from .node_session import RecorderParams
 from .node_thread import RecordingThread
 from .request import Answer, Request
@@ -31,6 +32,7 @@ class Recorder(WaamNode):
 
     def __init__(self) -> None:
         super().__init__('recorder', RecorderParams)
+        Choice(self.params.exclude)  # a wrong expression is refused now, not at START
         clock = self.get_clock()
         self._recording = RecordingThread(
             self.context,
@@ -39,7 +41,7 @@ class Recorder(WaamNode):
             self.get_parameter('use_sim_time').value,
             self.get_namespace(),
         )
-        self._recording.start(self.params.directory)
+        self._recording.start()
         self.create_timer(0.2, self._report, clock=self.steady)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, EVENTS)
         create_deferred_service(self, Record, '~/control', self._on_control)

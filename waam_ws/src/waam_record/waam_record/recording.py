@@ -14,14 +14,14 @@ from pathlib import Path
 from .bag_reader import Check, check
 from .bag_writer import BagWriter, Topic
 
+METADATA_S = 10.0  # metadata.yaml is renewed this often
+
 
 @dataclass(frozen=True)
 class Limits:
     """Limits of a recording on disk."""
 
-    metadata_s: float = 10.0  # metadata.yaml is renewed this often
     file_bytes: int = 0  # next file above this size; 0 = never
-    file_s: float = 0.0  # next file after this much log time; 0 = never
     free_bytes: int = 200 << 20  # recording stops when the disk has less left
     queue_bytes: int = (
         256 << 20
@@ -132,7 +132,7 @@ class Recording:
                     self._sync()
                     # counted from its end: a disk that needs longer than that still gets something to write
                     synced = time.monotonic()
-                    if now - renewed >= self.limits.metadata_s:
+                    if now - renewed >= METADATA_S:
                         self.writer.write_metadata()
                         renewed = now
                 if not self._queue:
@@ -158,15 +158,10 @@ class Recording:
 
     def _sync(self) -> None:
         self.writer.flush()
-        if self._file_is_full():
+        if 0 < self.limits.file_bytes <= self.writer.file_bytes:
             self.writer.split()
         if shutil.disk_usage(self.writer.directory).free < self.limits.free_bytes:
             self.writer.custom_data['stopped'] = 'disk full'
             self.writer.close()
             free = self.limits.free_bytes / 1e6
             raise OSError(f'less than {free:.0f} MB free on the disk: recording closed')
-
-    def _file_is_full(self) -> bool:
-        limits, writer = self.limits, self.writer
-        too_large = 0 < limits.file_bytes <= writer.file_bytes
-        return too_large or 0 < limits.file_s <= writer.file_duration_ns * 1e-9

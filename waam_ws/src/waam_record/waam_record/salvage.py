@@ -133,17 +133,16 @@ def _opened(content: bytes, at: int, whole: bool) -> Iterator[McapRecord | Damag
             raise ValueError('checksum of the chunk is wrong')
         yield from _inside(data)
         return
-    compression, _, rest = _chunk_head(content)
+    compression, rest = _chunk_head(content)
     yield from _inside(_beginning(compression, rest))
     yield Damage(at, 'the file ends within a chunk; its beginning was taken without checksum')
 
 
-def _chunk_head(content: bytes) -> tuple[str, int, bytes]:
-    """Compression, uncompressed size and what is there of the data of a chunk that was cut off."""
-    (size,) = struct.unpack_from('<Q', content, 16)
+def _chunk_head(content: bytes) -> tuple[str, bytes]:
+    """Compression and what is there of the data of a chunk that was cut off."""
     (n,) = struct.unpack_from('<I', content, _CHUNK_TIMES)
     data_at = _CHUNK_TIMES + 4 + n + 8
-    return content[_CHUNK_TIMES + 4 : _CHUNK_TIMES + 4 + n].decode(), size, content[data_at:]
+    return content[_CHUNK_TIMES + 4 : _CHUNK_TIMES + 4 + n].decode(), content[data_at:]
 
 
 def decompressed(compression: str, data: bytes, size: int) -> bytes:

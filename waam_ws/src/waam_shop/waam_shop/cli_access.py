@@ -7,10 +7,10 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from waam_process.cli_options import Verbs, add_verb
+from waam_process.cli_options import Verbs, add_verb, as_table
 
 from .audit import Entry
-from .cli_common import JSON, NAME, shop_and_cell, show, table, when
+from .cli_common import JSON, NAME, shop_and_cell, show, when
 from .roles import ROLES, role_of
 from .shop_folder import Places, Shop
 
@@ -75,7 +75,7 @@ def _list(args: argparse.Namespace, places: Places) -> int:
         print('there are no tokens (waam token create)')
     else:
         rows = [[t.id, t.name, t.role, when(t.created), _until(t.expires, now)] for t in tokens]
-        table(('id', 'whose', 'role', 'created', 'until'), rows)
+        print(as_table(('id', 'whose', 'role', 'created', 'until'), rows))
     return 0
 
 
@@ -102,7 +102,7 @@ def _audit(args: argparse.Namespace, places: Places) -> int:
         show([asdict(e) for e in entries])
     else:
         heads = ('n', 'when', 'who', 'role', 'via', 'command', 'outcome', 'values')
-        table(heads, (_line(e) for e in entries))
+        print(as_table(heads, (_line(e) for e in entries)))
     return 0
 
 

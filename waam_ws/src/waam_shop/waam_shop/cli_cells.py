@@ -6,9 +6,9 @@ import argparse
 import time
 from typing import Any
 
-from waam_process.cli_options import Verbs, add_verb
+from waam_process.cli_options import Verbs, add_verb, as_table
 
-from .cli_common import JSON, show, table
+from .cli_common import JSON, show
 from .shop_folder import Places, Shop
 
 TEXT = """\
@@ -33,7 +33,7 @@ def _cells(args: argparse.Namespace, places: Places) -> int:
         print('no cell has been started yet (waam up, waam up --name cell2)')
     else:
         heads = ('cell', 'state', 'machine', 'job', 'left', 'queue', 'alarm', 'domain', 'page')
-        table(heads, (_line(row) for row in rows))
+        print(as_table(heads, (_line(row) for row in rows)))
     return 1 if any(row['state'] == 'silent' for row in rows) else 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -42,14 +41,6 @@ def when(utc: float) -> str:
     if not utc:
         return ''
     return datetime.fromtimestamp(utc, UTC).astimezone().strftime('%Y-%m-%d %H:%M:%S')
-
-
-def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Prints columns as wide as they must be."""
-    texts = [list(heads), *([str(c) for c in row] for row in rows)]
-    wide = [max(len(row[i]) for row in texts) for i in range(len(heads))]
-    for row in texts:
-        print('  '.join(c.ljust(w) for c, w in zip(row, wide, strict=True)).rstrip())
 
 
 def show(data: Any) -> None:

@@ -7,9 +7,9 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from waam_process.cli_options import Verbs, add_verb
+from waam_process.cli_options import Verbs, add_verb, as_table
 
-from .cli_common import JSON, NAME, shop_and_cell, show, table
+from .cli_common import JSON, NAME, shop_and_cell, show
 from .notifier import FILE, load, send
 from .notify_settings import EXAMPLE
 from .shop_folder import Places, Shop
@@ -64,7 +64,7 @@ def _list(args: argparse.Namespace, places: Places) -> int:
     if not settings.targets:
         print(f'there are no targets in {places.shop() / FILE} (waam notify init)')
         return 0
-    table(('target', 'events'), ([t.name, ', '.join(t.events)] for t in settings.targets))
+    print(as_table(('target', 'events'), ([t.name, ', '.join(t.events)] for t in settings.targets)))
     print(f'at most {limits.per_hour} an hour, the same once in {limits.repeat_s:g} s')
     return 0
 

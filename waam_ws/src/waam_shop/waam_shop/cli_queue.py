@@ -9,10 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from waam_process.cli_options import Options, Verbs, add_options, add_verb
+from waam_process.cli_options import Options, Verbs, add_options, add_verb, as_table
 
 from .cells import FIRST
-from .cli_common import JSON, NAME, shop_and_cell, show, table, user, when
+from .cli_common import JSON, NAME, shop_and_cell, show, user, when
 from .job_queue import WAITING, Item, Queue
 from .shop_folder import Places
 
@@ -147,7 +147,7 @@ def _list(args: argparse.Namespace, places: Places) -> int:
         return 0
     heads = ('id', 'state', 'place', 'part', 'material', 'added', 'by', 'note')
     waiting = [i.id for i in items if i.state == WAITING]
-    table(heads, (_line(i, waiting) for i in items))
+    print(as_table(heads, (_line(i, waiting) for i in items)))
     return 0
 
 

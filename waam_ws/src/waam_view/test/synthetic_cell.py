@@ -8,7 +8,7 @@ from array import array
 import numpy as np
 from geometry_msgs.msg import Point, Pose
 from rclpy.node import Node
-from sensor_msgs.msg import JointState, Temperature
+from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from waam_msgs.msg import (
@@ -47,7 +47,6 @@ class Cell:
         self.report_ = make(LayerReport, 'layer_report', EVENTS)
         self.machine_ = make(MachineState, 'machine_state', LATCHED)
         self.anomaly_ = make(Anomaly, 'anomaly', EVENTS)
-        self.joints_ = make(JointState, 'joint_states', BEAT)
         self.count = 0
         self.job_id, self.scans = 'demo_job', 0
         x, y = np.meshgrid(np.arange(COLS) / COLS, np.arange(ROWS) / ROWS)
@@ -125,12 +124,6 @@ class Cell:
     def slow(self, t: float) -> None:
         self.temperature_.publish(Temperature(header=self.header(t), temperature=40 + t))
         self.heat_.publish(HeatFactor(header=self.header(t), factor=0.97, interpass_limit=150.0))
-
-    def robot(self, t: float) -> None:
-        """Arm and positioner tell their joints apart."""
-        arm = [f'joint_{n}' for n in range(1, 7)], [0.1, 0.4, -0.5, 0.0, -1.2, 0.3 + 0.01 * t]
-        for names, at in (arm, (['tilt', 'turn'], [0.0, 1.57])):
-            self.joints_.publish(JointState(header=self.header(t), name=names, position=at))
 
     def events(self, t: float) -> None:
         self.machine_.publish(MachineState(header=self.header(t), message='armed for demo_job'))

@@ -1,4 +1,4 @@
-"""A record becomes the same view as the live dashboard: whole, torn anywhere, still being written, beside another."""
+"""A record becomes the same view as the live dashboard: whole or torn anywhere."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from mcap.writer import CompressionType, Writer
 from rclpy.serialization import serialize_message
 
 from waam_msgs.msg import JobStatus
+from waam_record.salvage import messages
 from waam_view import blueprint as bp
-from waam_view import ros_view
-from waam_view.ros_playback import Playback, messages, record_files
+from waam_view.ros_playback import Playback, build, record_files
 from waam_view.scene import Scene
 from waam_view.viewer import ViewError
 
@@ -83,16 +83,9 @@ EVERYTHING = {
 
 
 def test_a_record_shows_everything_that_the_dashboard_shows(job, tmp_path):
-    assert ros_view.build(job, tmp_path / 'x.rrd') > 100
+    assert build(job, tmp_path / 'x.rrd') > 100
     found = entities(tmp_path / 'x.rrd')
     assert found >= EVERYTHING, EVERYTHING - found
-
-
-def test_jobs_stand_side_by_side(job, tmp_path):
-    ros_view.build_comparison([job, job / 'record'], tmp_path / 'x.rrd')
-    found = entities(tmp_path / 'x.rrd')
-    wanted = {f'{p}/{e}' for p in ('job_1', 'job_2') for e in (bp.SURFACE, bp.ERROR, bp.RMS, bp.FEED)}  # fmt: skip
-    assert wanted <= found, wanted - found
 
 
 class Counting(Scene):
@@ -113,51 +106,21 @@ def test_a_torn_record_shows_what_is_whole(job, tmp_path):
         torn = tmp_path / 'torn.mcap'
         torn.write_bytes(data[: len(data) * share // 100])
         playback = Playback(Counting())
-        for topic, raw in messages(torn):
-            playback.message(topic, raw)
+        for channel, _, message in messages(torn, []):
+            playback.message(channel.topic[1:], message.data)
         playback.flush()
         counts.append(playback.scene.samples)
     assert counts == sorted(counts) and counts[0] == 0
     assert counts[-1] > 50 and any(0 < c < counts[-1] for c in counts)
 
 
-def test_flipped_bytes_never_crash_the_reading(job, tmp_path):
-    data = bytearray((job / 'record/record_0.mcap').read_bytes())
-    whole = sum(1 for _ in messages(job / 'record/record_0.mcap'))
-    for at in range(8, len(data), len(data) // 40):
-        broken = data.copy()
-        broken[at] ^= 0xFF
-        (tmp_path / 'x.mcap').write_bytes(broken)
-        assert sum(1 for _ in messages(tmp_path / 'x.mcap')) <= whole
-
-
-def test_no_byte_of_a_record_crashes_the_reading_when_it_is_flipped(tmp_path):
-    """Lengths of records within a chunk are among them, up to 2**64."""
-    file = tmp_path / 'x.mcap'
-    writer = Writer(str(file), compression=CompressionType.NONE)
-    writer.start()
-    channel = writer.register_channel('/telemetry', 'cdr', writer.register_schema('a', 'b', b''))
-    for n in range(3):
-        writer.add_message(channel, n, b'message', n)
-    writer.finish()
-    data, whole = file.read_bytes(), list(messages(file))
-    assert len(whole) == 3
-    for at in range(len(data)):
-        broken = bytearray(data)
-        broken[at] ^= 0xFF
-        file.write_bytes(broken)
-        assert sum(1 for _ in messages(file)) <= len(whole)
-
-
 def test_what_cannot_be_shown_is_said(tmp_path):
     with pytest.raises(ViewError, match='no .mcap'):
-        ros_view.build(tmp_path, tmp_path / 'x.rrd')
+        build(tmp_path, tmp_path / 'x.rrd')
     recording = Recording(tmp_path / 'record_0.mcap')
     recording.close()
     with pytest.raises(ViewError, match='nothing of a job'):
-        ros_view.build(tmp_path, tmp_path / 'x.rrd')
-    with pytest.raises(ViewError, match='no telemetry'):
-        ros_view.build_comparison([tmp_path], tmp_path / 'x.rrd')
+        build(tmp_path, tmp_path / 'x.rrd')
 
 
 def test_files_of_a_split_record_come_in_order(tmp_path):

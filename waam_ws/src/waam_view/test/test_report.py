@@ -17,13 +17,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_job import write_demo, write_job  # noqa: E402
 
-from waam_robot.station import Station  # noqa: E402
 from waam_view import canvas, figures, part_picture  # noqa: E402
 from waam_view.html import STYLE, escape  # noqa: E402
 from waam_view.job_data import JobError, load_job, read_report  # noqa: E402
 from waam_view.outcome import outcome  # noqa: E402
+from waam_view.owner_page import verdict_box  # noqa: E402
 from waam_view.report import main, write_all, write_report  # noqa: E402
-from waam_view.robot_picture import joints_over  # noqa: E402
 
 SECTIONS = [
     'What it took', 'Surface', 'Beads', 'Layers', 'Arc and heat', 'Corrections', 'Limits, drop-outs and faults',
@@ -70,37 +69,34 @@ def test_numbers_of_the_report_appear(job):
     assert '0123abcd' in text and 'packages.numpy' in text
 
 
+def page_of(folder: Path, report: dict, run: dict, **other) -> str:
+    """The page of a job of which only report.json is there, with changes of its run and of the rest."""
+    whole = {**report, **other, 'closed_loop': {**report['closed_loop'], **run}}
+    (folder / 'report.json').write_text(json.dumps(whole))
+    return write_report(folder).read_text()
+
+
+def section_of(page: str, title: str) -> str:
+    return page.split(f'<h2>{title}</h2>')[1].split('<h2>')[0]
+
+
 def test_passes_and_resumes_are_told(job, tmp_path):
-    folder, report, text = job
+    _, report, text = job
     assert '<h2>Passes</h2>' not in text and 'resumed' not in text
-    copy = tmp_path / 'two'
-    shutil.copytree(folder, copy)
-    run = report['closed_loop']
     first = {'pass_number': 1, 'layers': 3, 'set_height': 5.75e-3}
     passes = [
         {**first, 'measured_rms': 0.4321e-3, 'measured_mean': -0.25e-3},
-        {
-            **first,
-            'pass_number': 2,
-            'corrected_height': 6.123e-3,
-            'measured_rms': None,
-            'measured_mean': None,
-        },
+        {**first, 'pass_number': 2, 'corrected_height': 6.123e-3, 'measured_rms': None},
     ]
-    changed = {**report, 'closed_loop': {**run, 'passes': passes, 'runs': 3}}
-    (copy / 'report.json').write_text(json.dumps(changed))
-    text = write_report(copy).read_text()
-    for value in ('<h2>Passes</h2>', '5.750', '6.123', '0.432', '-0.250', 'resumed 2 times'):
-        assert value in text.replace('\u2212', '-')
+    section = section_of(page_of(tmp_path, report, {'passes': passes, 'runs': 3}), 'Passes')
+    for value in ('5.750', '6.123', '0.432', '-0.250', 'resumed 2 times'):
+        assert value in section.replace('\u2212', '-')
 
 
 def test_a_forecast_stands_beside_the_outcome(job, tmp_path):
-    folder, report, text = job
+    _, report, text = job
     assert 'Forecast and outcome' not in text
-    copy = tmp_path / 'foretold'
-    shutil.copytree(folder, copy)
-    run = report['closed_loop']
-    rms = run['rms_mm']
+    rms = report['closed_loop']['rms_mm']
     told = {
         'verdict': 'will be in tolerance: 12 of 12 cells', 'cells': 12, 'preset': 'recorded', 'band': 0.9,
         'figures': {
@@ -109,75 +105,58 @@ def test_a_forecast_stands_beside_the_outcome(job, tmp_path):
             'stock_mean_mm': {'value': 0.5, 'low': 0.4, 'high': 0.6},
         },
     }  # fmt: skip
-    changed = {**report, 'closed_loop': {**run, 'forecast': told}}
-    (copy / 'report.json').write_text(json.dumps(changed))
-    text = write_report(copy).read_text()
-    section = text[text.index('Forecast and outcome') :].partition('</table>')[0]
+    section = section_of(page_of(tmp_path, report, {'forecast': told}), 'Forecast and outcome')
     rows = [re.findall('<td[^>]*>(.*?)</td>', row) for row in section.split('<tr')]
     shown = {row[0].split(',')[0]: row[1:] for row in rows if row}
     assert shown['RMS height error'][2:] == [f'{rms:.3f}', 'yes']
     assert shown['wire'] == ['20.00', '19.00 … 21.00', '37.42', 'no']
     assert shown['stock to machine'][-1] == ''  # it was not machined: there is no outcome
-    assert 'will be in tolerance: 12 of 12 cells; 12 cells, preset recorded' in text
+    assert 'will be in tolerance: 12 of 12 cells; 12 cells, preset recorded' in section
 
 
 def test_how_it_was_laid_is_told_in_words(job, tmp_path):
-    _, whole, page = job
-    run = whole['closed_loop']
-    layers = [dict(x) for x in run['layers'] if not x.get('final')]
+    _, report, _ = job
+    layers = [dict(x) for x in report['closed_loop']['layers'] if not x.get('final')]
     for x in layers:
         x |= {'law': 'unet', 'correction_applied': True, 'fallback': False}
-    layers[0]['fallback'] = True
-    layers[0] |= {'expected_rms': 1.0, 'expected_rms_low': 1e-6, 'expected_rms_high': 2.0}
+    layers[0] |= {'fallback': True, 'expected_rms': 1.0}
+    layers[0] |= {'expected_rms_low': 1e-6, 'expected_rms_high': 2.0}
     layers[1] |= {'bead_width': 6.41e-3, 'bead_width_u': 0.07e-3, 'width_ratio': 1.05}
     passes = [{'pass_number': 1, 'schedule': '3 finishing layers of <1.00> mm'}]
     learned = {'jobs': 2, 'sha256': 'fedcba9876543210', 'sha256_after': 'abcdef0123456789'}
     trace = {'models': {'0123456789abcdef': [1]}, 'learned': learned}
-    told = {**whole, 'trace': trace, 'closed_loop': {**run, 'layers': layers, 'passes': passes}}
-    (tmp_path / 'report.json').write_text(json.dumps(told))
-    section = (
-        write_report(tmp_path).read_text().split('<h2>How it was laid</h2>')[1].split('<h2>')[0]
-    )
-    assert 'Layer schedule: 3 finishing layers of &lt;1.00&gt; mm.' in section
-    assert (
-        f'{len(layers)} of {len(layers)} layers: 1 by fallback, {len(layers) - 1} by unet'
-        in section
-    )
-    assert 'weights 0123456789ab.' in section
-    assert 'in its 90 % interval after 1 of 1 layers' in section
-    tables = write_report(tmp_path).read_text().split('<h2>Layers</h2>')[1]
+    changed = {'layers': layers, 'passes': passes}
+    page = page_of(tmp_path, report, changed, trace=trace)
+    section, count = section_of(page, 'How it was laid'), len(layers)
+    for words in (
+        'Layer schedule: 3 finishing layers of &lt;1.00&gt; mm.',
+        f'{count} of {count} layers: 1 by fallback, {count - 1} by unet', 'weights 0123456789ab.',
+        'in its 90 % interval after 1 of 1 layers', 'former jobs of this cell: 2 jobs (fedcba987654).',
+        'Kept for the next one: abcdef012345.', f'{layers[-1]["flow_factor"]:.3f} at the last',
+        'from the network how layers differ', 'Bead width: 6.41 mm where beads stood free',
+        'held by the voltage in 1 layer.',
+    ):  # fmt: skip
+        assert words in section, words
+    tables = section_of(page, 'Layers')
     assert '1000.00 (0.00 to 2000.00)' in tables and 'by width' in tables and 'bead width' in tables
-    assert 'former jobs of this cell: 2 jobs (fedcba987654).' in section
-    assert 'Kept for the next one: abcdef012345.' in section
-    assert f'{layers[-1]["flow_factor"]:.3f} at the last' in section
-    network = any(x['law'] == 'unet' for x in layers)
-    assert ('from the network how layers differ' in section) == network
-    assert 'Bead width: 6.41 mm where beads stood free' in section
-    assert 'held by the voltage in 1 layer.' in section
     # a report of several runs tells it per run
-    several = {**told, 'trace': {}, 'closed_loop': {**told['closed_loop'], 'trace': trace}}
-    (tmp_path / 'report.json').write_text(json.dumps(several))
-    assert 'weights 0123456789ab.' in write_report(tmp_path).read_text()
+    assert 'weights 0123456789ab.' in page_of(tmp_path, report, {**changed, 'trace': trace})
 
 
 def test_traceability_names_what_is_known_and_what_nobody_told(job, tmp_path):
-    _, whole, page = job
-    report = {**whole, 'closed_loop': dict(whole['closed_loop'])}
-    report['trace'] = {
+    _, report, page = job
+    trace = {
         'operator': '', 'wire_lot': 'L<4711>', 'calibration': {'sha256': 'abcd', 'age_days': 3.5},
         'models': {'f00d': [1, 2]}, 'not_told': ['operator', 'gas'], 'remarks': ['no calibration file'],
     }  # fmt: skip
     about = {'file': 'tolerance_map.csv', 'cell_mm': 0.5, 'cells': 100}
     about |= {'in_tolerance': 90, 'above': 7, 'below': 2, 'unseen': 1}
-    report['closed_loop']['tolerance_map'] = about
-    (tmp_path / 'report.json').write_text(json.dumps(report))
-    text = write_report(tmp_path).read_text()
-    section = text.split('<h2>Traceability</h2>')[1].split('<h2>')[0]
+    text = page_of(tmp_path, report, {'tolerance_map': about}, trace=trace)
     for words in (
         'L&lt;4711&gt;', 'abcd', '3.5', 'models.f00d', '[1, 2]', 'Nobody told:</b> operator, gas',
         'no calibration file', 'tolerance_map.csv', '90 are within', '7 above, 2 below, 1 not seen',
     ):  # fmt: skip
-        assert words in section, words
+        assert words in section_of(text, 'Traceability'), words
     assert '<h2>Traceability</h2>' not in page
 
 
@@ -203,22 +182,20 @@ def test_text_from_outside_is_escaped(job):
 
 
 @pytest.mark.parametrize(
-    'error, verdict, style', [(0.2, 'IN TOLERANCE', 'ok'), (1.0, 'OUT OF TOLERANCE', 'warn')]
+    'options, words',
+    [
+        ({'layer_error': 0.2}, ['ok">IN TOLERANCE']),
+        ({'layer_error': 1.0}, ['warn">OUT OF TOLERANCE']),
+        ({'failed': True}, ['bad">FAILED', 'error 108', 'arc did not strike after 3 tries']),
+    ],
 )
-def test_verdict_has_colour_and_words(tmp_path, error, verdict, style):
-    write_job(tmp_path / 'job', layers=1, layer_error=error)
-    text = write_report(tmp_path / 'job').read_text()
-    assert f'<div class="verdict {style}">{verdict}' in text
+def test_the_verdict_has_colour_and_words(tmp_path, options, words):
+    report = write_job(tmp_path / 'job', layers=1, **options)
+    box = verdict_box(load_job(tmp_path / 'job', report, 'closed_loop'))
+    assert all(w in box for w in words)
 
 
-def test_failed_job_says_what_happened(tmp_path):
-    write_job(tmp_path / 'job', layers=1, failed=True)
-    text = write_report(tmp_path / 'job').read_text()
-    assert '<div class="verdict bad">FAILED' in text
-    assert 'error 108' in text and 'arc did not strike after 3 tries' in text
-
-
-@pytest.mark.parametrize('missing', ['layers', 'telemetry.npz', 'all'])
+@pytest.mark.parametrize('missing', ['layers', 'all'])
 def test_missing_parts_leave_the_rest(tmp_path, missing):
     folder = tmp_path / 'job'
     write_job(folder, layers=1)
@@ -269,11 +246,17 @@ def test_maps_are_read_in_metres_with_their_region(tmp_path):
     assert last.extent_mm == pytest.approx((10, 80, 20, 60))
 
 
-def test_demo_compares_both_runs(tmp_path):
-    whole = write_demo(tmp_path / 'demo')
-    written = write_all(tmp_path / 'demo')
+@pytest.fixture(scope='module')
+def demo(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('demo') / 'demo'
+    whole = write_demo(folder)
+    written = write_all(folder)
     assert [p.parent.name for p in written] == ['closed_loop', 'open_loop', 'demo']
-    text = written[-1].read_text()
+    return folder, whole, written[-1].read_text()
+
+
+def test_demo_compares_both_runs(demo):
+    _, whole, text = demo
     for loop_mode in ('open_loop', 'closed_loop'):
         assert f'{whole[loop_mode]["rms_mm"]:.3f} mm' in text
         assert f'href="{loop_mode}/report.html"' in text
@@ -292,13 +275,11 @@ def test_demo_compares_both_runs(tmp_path):
         ({'verdict': 'out of tolerance', 'error_code': 21}, ()),
     ],
 )  # fmt: skip
-def test_a_demo_says_in_words_what_came_out_on_which_cell(tmp_path, changed, words):
-    whole = write_demo(tmp_path)
+def test_a_demo_says_in_words_what_came_out_on_which_cell(demo, tmp_path, changed, words):
     run = {'rms_mm': 0.1292, 'share_in_tolerance': 0.8933, 'error_code': 0, **changed}
-    whole |= {'preset': 'recorded', 'closed_loop': whole['closed_loop'] | run}
-    (tmp_path / 'report.json').write_text(json.dumps(whole))
-    text, said = write_report(tmp_path).read_text(), outcome(whole)
-    assert bool(said) == bool(words) and escape(said) in text
+    whole = {**demo[1], 'preset': 'recorded', 'closed_loop': demo[1]['closed_loop'] | run}
+    said = outcome(whole)
+    assert bool(said) == bool(words) and escape(said) in page_of(tmp_path, whole, {})
     assert all(w in said for w in words)
     assert ("'recorded' (beads, arc and scans scatter" in said) == bool(words)
     assert ('--preset gentle' in said) == (changed['verdict'] == 'out of tolerance' and bool(words))
@@ -306,62 +287,25 @@ def test_a_demo_says_in_words_what_came_out_on_which_cell(tmp_path, changed, wor
     assert outcome(whole | {'preset': ''}) == ''  # no simulated cell
 
 
-def test_a_demo_on_a_robot_shows_the_robot(tmp_path):
-    whole = write_demo(tmp_path)
-    whole |= {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02], 'preset': 'rough<'}
-    (tmp_path / 'report.json').write_text(json.dumps(whole))
-    text = write_report(tmp_path).read_text()
-    assert '<h2>Robot</h2><figure>' in text and len(pictures(text)) == 5
-    assert 'machine: <b>robot</b>' in text
-    assert (
-        'simulated cell: <b>rough&lt;</b>' in text
-    )  # whoever sees the page knows what it was laid on
-    (tmp_path / 'report.json').write_text(json.dumps(whole | {'work_zero_m': [5.0, 0.0, 0.0]}))
-    assert 'No picture' in write_report(tmp_path).read_text()
-
-
-def test_a_demo_on_a_robot_shows_the_gantry_beside_it(tmp_path):
-    whole = write_demo(tmp_path)
-    assert 'Robot and gantry' not in write_report(tmp_path).read_text()
+def test_a_demo_on_a_robot_shows_the_gantry_beside_it(demo, tmp_path):
+    source, whole, page = demo
+    assert 'Robot and gantry' not in page
+    folder = shutil.copytree(source, tmp_path / 'demo')
     gantry = {**whole['open_loop'], 'rms_mm': 0.4567}
-    (tmp_path / 'report.json').write_text(json.dumps(whole | {'gantry': gantry}))
-    text = write_report(tmp_path).read_text()
-    section = text[text.index('<h2>Robot and gantry</h2>') : text.index('<h2>Runs</h2>')]
+    added = {'gantry': gantry, 'machine': 'robot', 'preset': 'rough<'}
+    text = page_of(folder, whole, {}, **added)
+    assert 'machine: <b>robot</b>' in text and 'simulated cell: <b>rough&lt;</b>' in text
+    section = section_of(text, 'Robot and gantry')
     assert 'robot</th>' in section and 'gantry</th>' in section
     assert f'{whole["closed_loop"]["rms_mm"]:.3f}' in section and '0.457' in section
     assert 'href="open_loop/report.html"' in section and len(pictures(section)) == 1
+    alone = {k: v for k, v in whole.items() if k != 'open_loop'}
+    assert '<h2>Robot and gantry</h2>' in page_of(folder, alone, {}, **added)
 
 
-def test_a_demo_of_one_run_on_a_robot_shows_both_machines_too(tmp_path):
-    whole = write_demo(tmp_path)
-    alone = {k: v for k, v in whole.items() if k not in ('open_loop', 'ratio')}
-    machine = {'machine': 'robot', 'work_zero_m': [0.1, 0.08, 0.02]}
-    for report, shown in (
-        (alone, False),
-        ({**alone, **machine, 'gantry': whole['open_loop']}, True),
-    ):
-        (tmp_path / 'report.json').write_text(json.dumps(report))
-        text = write_report(tmp_path).read_text()
-        assert ('<h2>Robot</h2><figure>' in text) == shown
-        assert ('<h2>Robot and gantry</h2>' in text) == shown
-
-
-def test_the_drawn_arm_holds_the_torch_on_the_part():
-    station = Station()
-    surface = np.array([[0.1, 0.1, 0.02], [0.12, 0.1, 0.021], [0.14, 0.1, 0.02]])
-    joints, arm = joints_over(station, surface)
-    assert np.allclose(station.tips(joints[None])[0], surface[1], atol=1e-9)
-    assert np.allclose(arm[0], 0.0) and np.allclose(arm[-1], station.poses(surface[1:2])[0, :3, 3])
-    reach = np.linalg.norm(np.diff(arm[:-1], axis=0), axis=1)
-    wanted = [np.hypot(link.a, link.d) for link in station.place.arm.links]
-    assert np.allclose(reach, wanted, atol=1e-9)
-
-
-def test_print_rules_are_for_what_the_pages_hold(job, tmp_path):
+def test_print_rules_are_for_what_the_pages_hold(job, demo):
     """Every class and tag that the print block names occurs in a page, and what breaks badly has a rule."""
-    demo = tmp_path / 'demo'
-    write_demo(demo)
-    text = job[2] + write_report(demo).read_text()
+    text = job[2] + demo[2]
     rules = STYLE[STYLE.index('@media print{') + len('@media print{') :]
     rules = re.sub(r'@page\{[^}]*\}', '', rules)
     selectors = [s.strip() for r in re.findall(r'([^{}]+)\{[^{}]*\}', rules) for s in r.split(',')]
@@ -383,9 +327,9 @@ def test_maps_of_many_layers_fit_on_pages(tmp_path):
     write_job(tmp_path / 'job', layers=1)
     loaded = load_job(tmp_path / 'job', read_report(tmp_path / 'job'), 'closed_loop')
     for turned in (False, True):
-        scans = [turn(loaded.scans[0]) if turned else loaded.scans[0]] * 25
+        scans = [turn(loaded.scans[0]) if turned else loaded.scans[0]] * 20
         maps = [s.error * 1e3 for s in scans]
-        found = figures.grids(scans, maps, 0.5, 'mm', [str(k) for k in range(25)])
+        found = figures.grids(scans, maps, 0.5, 'mm', [str(k) for k in range(20)])
         assert len(found) > 1
         for png in found:
             width, height = struct.unpack('>II', png[16:24])
@@ -404,13 +348,13 @@ def test_several_writers_at_once_never_show_half_a_page(tmp_path):
     folder = tmp_path / 'job'
     write_job(folder, layers=1)
     command = [sys.executable, '-m', 'waam_view.report', str(folder)]
-    writers = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(3)]
+    writers = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(2)]
     seen = set()
     while any(w.poll() is None for w in writers):
         if (folder / 'report.html').exists():
             seen.add((folder / 'report.html').read_text())
         time.sleep(0.01)
-    assert [w.returncode for w in writers] == [0, 0, 0]
+    assert [w.returncode for w in writers] == [0, 0]
     seen.add((folder / 'report.html').read_text())
     assert len(seen) == 1 and seen.pop().endswith('</html>\n')
     assert sorted(p.name for p in folder.glob('*report*')) == ['report.html', 'report.json']

@@ -18,7 +18,7 @@ from waam_process.prices import PriceError, Prices  # noqa: E402
 from waam_view import canvas, part_picture  # noqa: E402
 from waam_view.beads import arc_ends, beads  # noqa: E402
 from waam_view.engineer_pages import anomalies_section, beads_section, surface_section  # noqa: E402
-from waam_view.job_data import Job, Scan, interpass_limit  # noqa: E402
+from waam_view.job_data import Job, Scan, interpass_limit, load_job  # noqa: E402
 from waam_view.owner_page import local_time, owner_page, use_of, verdict_box  # noqa: E402
 from waam_view.prices import Use, costs, find_prices, read_prices  # noqa: E402
 from waam_view.report import write_report  # noqa: E402
@@ -256,26 +256,22 @@ def test_prices_are_looked_for_in_the_job_and_beside_it(tmp_path):
 
 def test_money_is_shown_with_prices_only_and_a_new_part_is_compared(tmp_path):
     folder = tmp_path / 'one'
-    write_job(folder, layers=1)
-    page = write_report(folder).read_text()
-    assert 'No prices are known' in page and ' EUR' not in page
-    (tmp_path / 'prices.yaml').write_text('currency: EUR\nmachine_per_hour: 36\nnew_part: 5')
-    page = write_report(folder).read_text()
-    assert (
-        '8.12 EUR' in page and 'at least 3.12 EUR more than a new part at 5.00 EUR' in page
-    )  # 812 s
-    assert (
-        'Not counted, for there is no price or no figure: wire, shielding gas, energy of the arc, labour.'
-        in page
-    )
-    (tmp_path / 'prices.yaml').write_text('currency: EUR\nnew_part: 5')
-    page = write_report(folder).read_text()
-    assert (
-        'in all' not in page.split('What it took')[1].split('<h2>')[0] and 'a new part' not in page
-    )
-    (tmp_path / 'prices.yaml').write_text('currency: EUR\nmachine: 36')
-    page = write_report(folder).read_text()
-    assert 'No money is shown' in page and '&#x27;machine&#x27; is no price' in page
+    report = write_job(folder, layers=1)
+    one = replace(load_job(folder, report, 'closed_loop'), scans=[])
+
+    def page(prices: str = '') -> str:
+        if prices:
+            (tmp_path / 'prices.yaml').write_text(prices)
+        return owner_page(one, [])
+
+    assert 'No prices are known' in page() and ' EUR' not in page()
+    told = page('currency: EUR\nmachine_per_hour: 36\nnew_part: 5')  # 812 s
+    assert '8.12 EUR' in told and 'at least 3.12 EUR more than a new part at 5.00 EUR' in told
+    assert 'no price or no figure: wire, shielding gas, energy of the arc, labour.' in told
+    told = page('currency: EUR\nnew_part: 5')
+    assert 'in all' not in told and 'a new part' not in told
+    told = page('currency: EUR\nmachine: 36')
+    assert 'No money is shown' in told and '&#x27;machine&#x27; is no price' in told
 
 
 def test_what_a_job_used_is_by_its_material_and_its_plan(tmp_path):

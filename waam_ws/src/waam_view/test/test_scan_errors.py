@@ -35,6 +35,9 @@ class Drawn(Scene):
     def __post_init__(self) -> None:
         super().__init__(6e-4)
 
+    def record(self, file: Path) -> None:
+        pass
+
     def height_map(self, data: MapData) -> None:
         pass
 
@@ -97,8 +100,8 @@ def test_playback_judges_every_scan_by_its_own_layer(scans, job):
 
 def test_the_live_view_judges_every_scan_by_its_own_layer(scans, job):
     drawn = Drawn()
-    drawing = Drawing(drawn, 0, 0, 64, 0.0)
-    drawing.start_job(job, record=False)
+    drawing = Drawing(drawn, 0, 0)
+    drawing.start_job(job)
     for n, message in enumerate(scans, 1):
         drawing.expect_error(message.layer, lambda m=message: map_data(m))
         drawing._turn()
@@ -110,8 +113,8 @@ def test_the_live_view_judges_every_scan_by_its_own_layer(scans, job):
 def test_a_scan_waits_until_the_job_has_written_its_target(scans, job, tmp_path):
     (tmp_path / job_folder.MAPS).mkdir()
     drawn = Drawn()
-    drawing = Drawing(drawn, 0, 0, 64, 0.0)
-    drawing.start_job(tmp_path, record=False)
+    drawing = Drawing(drawn, 0, 0)
+    drawing.start_job(tmp_path)
     drawing.expect_error(1, lambda: map_data(scans[1]))
     drawing.expect_error(1, lambda: map_data(scans[2]))
     drawing._turn()

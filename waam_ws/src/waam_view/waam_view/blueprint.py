@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import rerun as rr
 import rerun.blueprint as rrb
 
-TIMELINE, JOB_TIME, LAYERS = 'ros_time', 'job_time', 'layer'
+TIMELINE, LAYERS = 'ros_time', 'layer'
 SURFACE, PLAN, PATH, TORCH = 'part/surface', 'part/plan', 'part/path', 'part/torch'
 ERROR, PSI, CONFIDENCE = 'maps/error', 'maps/psi', 'maps/confidence'
 CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'feed/travel'
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
 MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'
 STATUS, LOG, ALARMS = 'status', 'log', 'log/alarms'
-ROBOT = 'robot'
-# of a plan that has not been laid yet
-PROGRAM_TIME = 'program_time'
-FOUND, NOMINAL, IDLE, STARTS = 'part/found', 'part/nominal', 'part/idle', 'part/starts'
-BEADS_METAL, BEADS_SPEED = 'part/beads_by_metal', 'part/beads_by_speed'
-PLAN_TEXT, PLAN_SPEED, PLAN_HEIGHT = 'plan/text', 'plan/speed', 'plan/height'
 
 _BLUE, _RED, _GREY, _GREEN = (28, 111, 184), (194, 59, 49), (138, 148, 160), (35, 131, 63)
 SERIES = {  # entity: (names, colours)
@@ -34,29 +26,17 @@ SERIES = {  # entity: (names, colours)
 }
 
 
-@dataclass(frozen=True)
-class Eye:
-    """Where one looks from and what at, (3,) m in the base of the robot."""
-
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-
-
-Eyes = tuple[Eye, Eye]  # on the whole cell, and on torch and part
-
-
 def blueprint(
     error_range_m: float,
     window_s: float = 0.0,
     whole_ns: tuple[int, int] | None = None,
-    robot: Eyes | None = None,
 ) -> rrb.Blueprint:
     """The layout. error_range_m: ends of the error colours; window_s > 0: plots show that many seconds before the
-    cursor (live); whole_ns: they show this range (a job that has ended); robot: how arm and positioner are seen.
+    cursor (live); whole_ns: they show this range (a job that has ended).
     """
     span = None if whole_ns is None else rrb.TimeRange(*(_at(t) for t in whole_ns))
     axis = None if span is None else rrb.TimeAxis(view_range=span)
-    columns = (_part(axis, robot), _maps(error_range_m), _plots(axis, window_s))
+    columns = (_part(axis), _maps(error_range_m), _plots(axis, window_s))
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=[5, 3, 4]),
         rrb.TimePanel(state='collapsed', timeline=TIMELINE, play_state='following'),
@@ -65,18 +45,14 @@ def blueprint(
     )
 
 
-def _part(axis: rrb.TimeAxis | None, robot: Eyes | None) -> rrb.Vertical:
+def _part(axis: rrb.TimeAxis | None) -> rrb.Vertical:
     """The part in 3-D, the messages and the states."""
-    space: rrb.View | rrb.Container = rrb.Spatial3DView(
+    space = rrb.Spatial3DView(
         origin='part',
         name='Part (surface: colours of the error, beside the beads: of the height)',
         background=rrb.Background(color=(24, 27, 31)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
     )
-    if robot:
-        cell, near = _robot('Robot cell', robot[0]), _robot('Torch and part', robot[1])
-        both = rrb.Vertical(cell, near, row_shares=[1, 1], name='Robot')
-        space = rrb.Tabs(both, space, active_tab=0)
     words = rrb.Tabs(
         rrb.TextLogView(origin=LOG, name='Log and alarms'),
         rrb.TextLogView(origin=ALARMS, name='Alarms'),
@@ -86,20 +62,6 @@ def _part(axis: rrb.TimeAxis | None, robot: Eyes | None) -> rrb.Vertical:
     states = rrb.StateTimelineView(origin='state', name='States and layers', time_view=axis)
     said = rrb.Horizontal(status, words, column_shares=[1, 2])
     return rrb.Vertical(space, said, states, row_shares=[5, 2.7, 1.2])
-
-
-def _robot(name: str, eye: Eye) -> rrb.Spatial3DView:
-    """Arm, positioner and the part as it grows, in the base of the robot: the part tilts and turns."""
-    return rrb.Spatial3DView(
-        origin=ROBOT,
-        name=name,
-        contents=[f'+ /{ROBOT}/**', f'+ /{SURFACE}', f'+ /{PATH}/**', f'+ /{TORCH}'],
-        background=rrb.Background(color=(24, 27, 31)),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
 
 
 def _maps(error_range_m: float) -> rrb.Vertical:
@@ -149,71 +111,8 @@ def _last(seconds: float) -> rrb.VisibleTimeRange:
     return rrb.VisibleTimeRange(TIMELINE, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
 
 
-def side_by_side(names: dict[str, str], error_range_m: float) -> rrb.Blueprint:
-    """Jobs beside each other. names: prefix of the entities ('a/') -> title of the job. Every job has its column (part,
-    error, psi), curves of one kind lie below each other on one time axis that starts with each job.
-    """
-    reach = f'{error_range_m * 1e3:g}'
-    columns = [
-        rrb.Vertical(
-            rrb.Spatial3DView(origin=f'{p}part', name=name),
-            rrb.Spatial2DView(origin=p + ERROR, name=f'{name}: height error, ±{reach} mm'),
-            rrb.Spatial2DView(origin=p + PSI, name=f'{name}: ψ'),
-            *(rrb.TimeSeriesView(origin=p + e, name=f'{name}: {t}') for e, t in _COMPARED.items()),
-            row_shares=[4, 3, 2, *[2] * len(_COMPARED)],
-        )
-        for p, name in names.items()
-    ]
-    return rrb.Blueprint(
-        rrb.Horizontal(*columns),
-        rrb.TimePanel(state='collapsed', timeline=JOB_TIME),
-        rrb.SelectionPanel(state='collapsed'),
-        rrb.BlueprintPanel(state='collapsed'),
-    )
-
-
-_COMPARED = {RMS: 'height error', FEED: 'wire feed', TEMPERATURE: 'temperature'}
-
-
-def plan_blueprint(metal_mm: float, speed_mm_s: float) -> rrb.Blueprint:
-    """Layout of a plan: what is laid up to the cursor, by layer or by time. The arguments end the colour scales."""
-    views = rrb.Tabs(
-        _beads(f'Metal of the beads (dark 0 ... yellow {metal_mm:.2f} mm)', BEADS_SPEED),
-        _beads(f'Travel speed (dark 0 ... yellow {speed_mm_s:.1f} mm/s)', BEADS_METAL),
-        active_tab=0,
-    )
-    beside = rrb.Vertical(
-        rrb.TextDocumentView(origin=PLAN_TEXT, name='Plan'),
-        rrb.TimeSeriesView(origin=PLAN_SPEED, name='Travel speed with the arc on (layers: means)'),
-        rrb.TimeSeriesView(origin=PLAN_HEIGHT, name='Metal (layers: means)'),
-        row_shares=[3, 1, 1],
-    )
-    return rrb.Blueprint(
-        rrb.Horizontal(views, beside, column_shares=[5, 2]),
-        rrb.TimePanel(state='collapsed', timeline=LAYERS, play_state='following', fps=2.0),
-        rrb.SelectionPanel(state='collapsed'),
-        rrb.BlueprintPanel(state='collapsed'),
-    )
-
-
-def _beads(name: str, hidden: str) -> rrb.Spatial3DView:
-    """Everything up to the cursor stays in view."""
-    begin, cursor = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative
-    return rrb.Spatial3DView(
-        origin='part',
-        contents=['$origin/**', f'- /{hidden}'],
-        name=name,
-        background=rrb.Background(color=(24, 27, 31)),
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.01),
-        time_ranges=[
-            rrb.VisibleTimeRange(LAYERS, start=begin, end=cursor(seq=0)),
-            rrb.VisibleTimeRange(PROGRAM_TIME, start=begin, end=cursor(seconds=0.0)),
-        ],
-    )
-
-
-def log_styles(recording: rr.RecordingStream, prefix: str = '') -> None:
+def log_styles(recording: rr.RecordingStream) -> None:
     """Names and colours of the curves; once per recording."""
     for entity, (names, colours) in SERIES.items():
-        recording.log(prefix + entity, rr.SeriesLines(names=names, colors=colours), static=True)
-    recording.log(f'{prefix}part', rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        recording.log(entity, rr.SeriesLines(names=names, colors=colours), static=True)
+    recording.log('part', rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -11,12 +11,8 @@ if TYPE_CHECKING:
 
 _VIEW_EXAMPLES = """examples:
   waam view jobs/latest                     serves the job in the browser, prints the address; Ctrl-C ends
-  waam view jobs/latest --png job.png       one picture of the end of the job, no screen needed
   waam view jobs/latest --record            from the record (MCAP), also when the dashboard kept a job.rrd
-  waam view jobs/A jobs/B                   jobs side by side, on the time since their start
   waam view jobs/latest/record/record_0.mcap
-  waam view plans/roller                    a plan before it is laid (waam plan --out plans/roller), layer by layer
-  waam view jobs/latest/plan.npz            the plan of a job
 
 A running graph is seen live: `waam up --web-port 9090` serves the dashboard, and the operator's page
 (`waam panel`) embeds it."""
@@ -32,16 +28,10 @@ def register(commands: argparse._SubParsersAction) -> None:
     view = commands.add_parser(
         'view', help='open a job in the rerun viewer', epilog=_VIEW_EXAMPLES, formatter_class=raw
     )
-    view.add_argument(
-        'paths',
-        metavar='JOB|FILE',
-        nargs='+',
-        help='job or plan folder, .rrd, .mcap or plan.npz; several: side by side',
-    )
+    view.add_argument('path', metavar='JOB|FILE', help='job folder, .rrd or .mcap')
     view.add_argument(
         '--record', action='store_true', help='from the MCAP even if there is a job.rrd'
     )
-    view.add_argument('--png', metavar='FILE', help='draw a picture instead of serving')
     view.add_argument('--port', type=int, default=9090, help='port of the web page (default 9090)')
     view.set_defaults(run_command=_view)
     report = commands.add_parser(
@@ -55,61 +45,33 @@ def _view(args: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
-    from .viewer import ViewError, screenshot, serve
+    from .viewer import ViewError, serve
 
-    paths = [Path(p) for p in args.paths]
     try:
         with tempfile.TemporaryDirectory(prefix='waam_view_') as scratch:
-            file = _recording(paths, Path(scratch) / 'view' / 'job.rrd', args.record)
-            if args.png:
-                screenshot(file, Path(args.png))
-                print(args.png)
-                return 0
-            return serve(file, args.port)
+            target = Path(scratch) / 'view' / 'job.rrd'
+            return serve(_recording(Path(args.path), target, args.record), args.port)
     except (ViewError, OSError) as e:
         print(f'error: {e}', file=sys.stderr)
         return 1
 
 
-def _recording(paths: list[Path], scratch: Path, from_record: bool) -> Path:
+def _recording(path: Path, scratch: Path, from_record: bool) -> Path:
     """The file to open: what the dashboard kept, else made from the records."""
     from .viewer import find_recording
 
-    file = find_recording(paths[0]) if len(paths) == 1 else None
-    if file is not None and file.suffix == '.npz':
-        return _plan(file, scratch)
-    if file is not None and file.suffix == '.rrd' and not from_record:
+    file = find_recording(path)
+    if file.suffix == '.rrd' and not from_record:
         return file
     from rich.progress import Progress
 
-    from .ros_view import build, build_comparison, size
+    from .ros_playback import build, size
 
     scratch.parent.mkdir()
     with Progress(transient=True) as bar:
-        task = bar.add_task('reading the record', total=None if len(paths) > 1 else size(paths))
-
-        def progress(count: int) -> None:
-            bar.update(task, advance=count)
-
-        if len(paths) == 1:
-            build(paths[0], scratch, progress)
-        else:
-            build_comparison(paths, scratch, progress)
+        task = bar.add_task('reading the record', total=size(path))
+        build(path, scratch, lambda count: bar.advance(task, count))
     return scratch
-
-
-def _plan(file: Path, scratch: Path) -> Path:
-    from .plan_file import PlanFileError
-    from .plan_scene import write_recording
-    from .viewer import PLAN_RECORDING, ViewError
-
-    scratch.parent.mkdir()
-    target = scratch.with_name(PLAN_RECORDING)
-    try:
-        write_recording(file, target)
-    except PlanFileError as e:
-        raise ViewError(str(e)) from None
-    return target
 
 
 def _report(args: argparse.Namespace) -> int:

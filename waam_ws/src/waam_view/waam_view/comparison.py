@@ -11,7 +11,7 @@ from waam_node import job_folder
 from waam_process.loop_mode import LoopMode
 from waam_process.operating import GANTRY, ROBOT
 
-from . import figures, robot_picture
+from . import figures
 from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
 from .job_data import Job, load_job, number
 from .loop_summary import loop_summary
@@ -125,29 +125,7 @@ def _maps(jobs: list[Job]) -> str:
 
 
 def machines(folder: Path, report: dict, jobs: list[Job]) -> str:
-    """Of a demo on a robot: the robot with its part, and the gantry beside it; nothing of a demo on the gantry."""
-    return '\n'.join(p for p in (_machine(report, jobs), _beside(folder, report, jobs)) if p)
-
-
-def _machine(report: dict, jobs: list[Job]) -> str:
-    """The robot with the part of the last run; nothing for a gantry."""
-    shown = [j for j in jobs if j.scans]
-    zero = np.array([number(v) for v in report.get('work_zero_m') or [0.0]])
-    if report.get('machine') != ROBOT or not shown or zero.shape != (3,):
-        return ''
-    job = shown[-1]
-    caption = (
-        'The simulated robot cell from the side, the torch over the middle of the part after the last layer, and the '
-        f'part along its longest line after every layer ({job.loop_mode.replace("_", " ")}).'
-    )
-    try:
-        return '<h2>Robot</h2>' + picture(robot_picture.robot_picture(job.scans, zero), caption)
-    except ValueError as e:
-        return f'<h2>Robot</h2><p>No picture: {escape(str(e))}</p>'
-
-
-def _beside(folder: Path, report: dict, jobs: list[Job]) -> str:
-    """The closed loop of the robot and of the gantry; nothing where only one machine has run."""
+    """Of a demo on a robot the closed loop of the robot and of the gantry; '' where only one machine has run."""
     robot = next((j for j in jobs if j.loop_mode == LoopMode.CLOSED_LOOP), None)
     if robot is None or not isinstance(report.get(GANTRY), dict):
         return ''

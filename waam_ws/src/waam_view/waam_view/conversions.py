@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Temperature
 
 from waam_msgs.msg import (
@@ -20,6 +21,7 @@ from waam_msgs.msg import (
     Segment,
     Telemetry,
 )
+from waam_node import cdr
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds
 from waam_process.names import job_state
 
@@ -38,6 +40,8 @@ NEWEST = (
     'correction_map',
     'layer_plan',
 )  # who is late draws only the newest of these
+
+SAMPLE_NS = 100_000_000  # of ROS time: 10 Hz, as telemetry.npz
 
 
 class MessageDrawing:
@@ -88,6 +92,21 @@ def _draw_job(scene: Scene, t: int, msg: JobStatus, errors: tuple[float, ...]) -
     scene.status(t, status_text(msg))
     if errors:
         scene.scalar(t, bp.RMS, *errors)
+
+
+class Samples:
+    """Of the telemetry one frame per SAMPLE_NS is decoded and drawn."""
+
+    def __init__(self) -> None:
+        self._next_ns = 0
+
+    def of(self, raw: bytes) -> Sample | None:
+        """The frame (CDR), None when the one before is too near. Time may begin anew."""
+        t = cdr.stamp_ns(raw)
+        if self._next_ns - 2 * SAMPLE_NS <= t < self._next_ns:
+            return None
+        self._next_ns = t + SAMPLE_NS
+        return sample(deserialize_message(raw, Telemetry))
 
 
 def sample(msg: Telemetry) -> Sample:

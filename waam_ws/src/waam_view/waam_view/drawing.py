@@ -22,6 +22,8 @@ from .web_viewer import WebViewer
 
 BATCH_S = 0.2  # telemetry is drawn in batches of this much wall time
 AFTER_JOB_S = 2.0  # what arrives this long after the end of a job still goes into its file
+WINDOW_S = 120.0  # of ROS time that live plots show
+SERVER_MEMORY = '96MB'  # for viewers that connect late; the whole job is in job.rrd
 KEEP_EXPECTED = 3  # scans that wait for their file
 Draw = Callable[[Scene], None]
 
@@ -29,15 +31,12 @@ Draw = Callable[[Scene], None]
 class Drawing:
     """Everything here returns at once; drawing happens in the thread. port, web_port: 0 = none."""
 
-    def __init__(
-        self, scene: Scene, port: int, web_port: int, memory_mb: int, window_s: float
-    ) -> None:
+    def __init__(self, scene: Scene, port: int, web_port: int) -> None:
         self.mailbox = Mailbox()
         self.problem = self.url = self.file = ''
         self.drawn, self.longest_s = 0, 0.0
         self._scene = scene
-        scene.window = window_s
-        self._server = (port, web_port, memory_mb, window_s)
+        self._ports = (port, web_port)
         self._web: WebViewer | None = None
         self._file_ends = 0.0
         self._folder: Path | None = None
@@ -58,9 +57,9 @@ class Drawing:
         """As `put`, for one frame."""
         self.mailbox.put(sample)
 
-    def start_job(self, folder: Path, record: bool = True) -> None:
-        """A job begins in this folder; `record`: its job.rrd is kept there."""
-        self.mailbox.put(lambda scene: self._begin_job(scene, folder, record))
+    def start_job(self, folder: Path) -> None:
+        """A job begins in this folder; its job.rrd is kept there."""
+        self.mailbox.put(lambda scene: self._begin_job(scene, folder))
 
     def expect_error(self, layer: int, measured: Callable[[], MapData]) -> None:
         """The surface was measured after `layer`; its error is drawn when the job has written what it wants there."""
@@ -112,7 +111,7 @@ class Drawing:
         self.longest_s = max(self.longest_s, time.monotonic() - start)
 
     def _serve(self) -> None:
-        port, web_port, memory_mb, window_s = self._server
+        port, web_port = self._ports
         if not port and not web_port:
             return
         port = port or free_port()  # the web page needs a server to show
@@ -120,25 +119,22 @@ class Drawing:
             self.problem = f'port {port} is in use: no live view'
             return
         live = rr.RecordingStream('waam', recording_id='live')
-        sink = rr.GrpcServerSink(
-            bind_ip='127.0.0.1', port=port, server_memory_limit=f'{memory_mb}MB'
-        )
-        live.set_sinks(sink, default_blueprint=bp.blueprint(self._scene.error_range, window_s))
+        sink = rr.GrpcServerSink(bind_ip='127.0.0.1', port=port, server_memory_limit=SERVER_MEMORY)
+        live.set_sinks(sink, default_blueprint=bp.blueprint(self._scene.error_range, WINDOW_S))
         self._scene.add('live', live)
         self.url = f'rerun+http://127.0.0.1:{port}/proxy'
         if web_port:
             self._web = WebViewer(self.url, web_port)
             self.url = self._web.url
 
-    def _begin_job(self, scene: Scene, folder: Path, record: bool) -> None:
+    def _begin_job(self, scene: Scene, folder: Path) -> None:
         self._folder, self._file_ends = folder, 0.0
         self._expected.clear()
         scene.new_job()
-        if record:
-            if not folder.is_dir():
-                raise FileNotFoundError(f'{folder} does not exist: no job.rrd')
-            self.file = str(free_name(folder))
-            scene.record(Path(self.file))
+        if not folder.is_dir():
+            raise FileNotFoundError(f'{folder} does not exist: no job.rrd')
+        self.file = str(free_name(folder))
+        scene.record(Path(self.file))
 
     def _draw_errors(self, scene: Scene) -> None:
         """Errors of scans whose target is in the job's folder by now; a half-written file is tried again."""

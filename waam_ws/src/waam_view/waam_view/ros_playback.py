@@ -2,39 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
 from rclpy.serialization import deserialize_message
 
-from waam_msgs.msg import Telemetry
-from waam_node import cdr, job_folder
-from waam_record.salvage import BROKEN
+from waam_node import job_folder
+from waam_record.salvage import messages
 
 from . import conversions as cv
 from .job_data import error_after
-from .scene import Scene
+from .scene import Sample, Scene
+from .viewer import ViewError
 
-PERIOD_NS = 100_000_000  # of telemetry
 BATCH = 50
-MAX_RECORD_BYTES = 1 << 30  # bytes of one record
-
-
-def messages(file: Path) -> Iterator[tuple[str, bytes]]:
-    """(topic without '/', serialized message) in the order of writing, up to the end or the tear of a file."""
-    topics: dict[int, str] = {}
-    with open(file, 'rb') as stream:
-        try:
-            for record in StreamReader(stream, record_size_limit=MAX_RECORD_BYTES).records:
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic.rsplit('/', 1)[-1]
-                elif isinstance(record, Message):
-                    yield topics.get(record.channel_id, ''), record.data
-        except BROKEN:  # everything intact has been returned
-            return
+ERROR_RANGE = 0.6e-3  # m
+Progress = Callable[[int], None]
 
 
 class Playback:
@@ -43,8 +26,8 @@ class Playback:
     def __init__(self, scene: Scene, folder: Path | None = None) -> None:
         self.scene, self.folder = scene, folder
         self.drawn = 0
-        self._samples: list[Any] = []
-        self._next_ns = 0
+        self._samples: list[Sample] = []
+        self._thinned = cv.Samples()
         self._drawing = cv.MessageDrawing()
 
     def message(self, topic: str, raw: bytes) -> None:
@@ -68,10 +51,8 @@ class Playback:
         self._samples = []
 
     def _telemetry(self, raw: bytes) -> None:
-        t = cdr.stamp_ns(raw)
-        if t >= self._next_ns or t < self._next_ns - 2 * PERIOD_NS:
-            self._next_ns = t + PERIOD_NS
-            self._samples.append(cv.sample(deserialize_message(raw, Telemetry)))
+        if sample := self._thinned.of(raw):
+            self._samples.append(sample)
             self.drawn += 1
             if len(self._samples) >= BATCH:
                 self.flush()
@@ -87,22 +68,36 @@ def _in_order(folder: Path) -> list[Path]:
     return sorted(folder.glob('*.mcap'), key=lambda f: (len(f.stem), f.stem))
 
 
-def play(files: list[Path], scene: Scene, folder: Path | None, progress: Any = None) -> int:
-    """Draws complete files; returns how many messages were drawn."""
+def record_of(path: Path) -> tuple[list[Path], Path | None]:
+    """(MCAP files, folder of the job or None) of a job, a record folder or one file. Raises ViewError."""
+    path = Path(path).resolve()
+    files = [path] if path.is_file() else record_files(path)
+    if not files or any(f.suffix != '.mcap' for f in files):
+        raise ViewError(f'{path}: no .mcap there')
+    folder = files[0].parent
+    folder = folder.parent if job_folder.is_record(folder.name) else folder
+    return files, folder if (folder / job_folder.MAPS).is_dir() else None
+
+
+def size(path: Path) -> int:
+    """Bytes of the record, for a progress bar."""
+    return sum(f.stat().st_size for f in record_of(path)[0])
+
+
+def build(path: Path, rrd: Path, progress: Progress = lambda n: None) -> int:
+    """A record into a file for the viewer, with our layout; progress gets bytes. Returns how many messages were drawn.
+    Raises ViewError."""
+    files, folder = record_of(path)
+    scene = Scene(ERROR_RANGE)
+    scene.new_job()
+    scene.record(rrd)
     playback = Playback(scene, folder)
     for file in files:
-        for topic, raw in messages(file):
-            playback.message(topic, raw)
-            if progress is not None:
-                progress(len(raw))
+        for channel, _, message in messages(file, []):
+            playback.message(channel.topic.rpartition('/')[2], message.data)
+            progress(len(message.data))
     playback.flush()
+    scene.close()
+    if not playback.drawn:
+        raise ViewError(f'{path}: nothing of a job is recorded there')
     return playback.drawn
-
-
-def first_stamp(files: list[Path]) -> int | None:
-    """ns of the first telemetry frame, None without any."""
-    for file in files:
-        for topic, raw in messages(file):
-            if topic == 'telemetry':
-                return cdr.stamp_ns(raw)
-    return None

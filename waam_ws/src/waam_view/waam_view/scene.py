@@ -61,18 +61,11 @@ class CorrectionData:
 
 
 class Scene:
-    """Everything drawn goes to all `recordings` (live viewer, file of the job).
+    """Everything drawn goes to all `recordings` (live viewer, file of the job)."""
 
-    prefix: in front of every entity ('a/'), zero: ns of ROS time that the timeline of jobs side by side starts at.
-    """
-
-    def __init__(self, error_range_m: float, prefix: str = '', zero: int | None = None) -> None:
+    def __init__(self, error_range_m: float) -> None:
         self.recordings: dict[str, rr.RecordingStream] = {}
         self.error_range = error_range_m
-        self.window = 0.0  # s that live plots show
-        self.robot: bp.Eyes | None = None  # how one is seen; None = there is none
-        self._kept: dict[str, rr.AsComponents] = {}
-        self._prefix, self._zero = prefix, zero
         self._path: LayerPath | None = None
         self._laid: list[tuple[float, float, float]] = []
         self._piece = 0
@@ -84,22 +77,7 @@ class Scene:
     def add(self, name: str, recording: rr.RecordingStream) -> None:
         """Draws into this recording, too, from now on; 'file' is that of the job."""
         self.recordings[name] = recording
-        bp.log_styles(recording, self._prefix)
-        for entity, what in self._kept.items():
-            recording.log(self._prefix + entity, what, static=True)
-
-    def keep(self, entity: str, what: rr.AsComponents) -> None:
-        """Drawn once, for all times, into these recordings and those to come."""
-        self._kept[entity] = what
-        for recording in self.recordings.values():
-            recording.log(self._prefix + entity, what, static=True)
-
-    def show_robot(self, eyes: bp.Eyes) -> None:
-        """The robot cell gets views beside the part."""
-        if self.robot is None:
-            self.robot = eyes
-            for recording in self.recordings.values():
-                send_layout(recording, bp.blueprint(self.error_range, self.window, robot=eyes))
+        bp.log_styles(recording)
 
     def remove(self, name: str) -> None:
         """Flushes and closes a recording; its file is complete afterwards."""
@@ -109,9 +87,7 @@ class Scene:
         if name == 'file':
             self._write_held(recording)
             if self._span is not None:  # whoever opens the file sees the whole job
-                send_layout(
-                    recording, bp.blueprint(self.error_range, whole_ns=self._span, robot=self.robot)
-                )
+                send_layout(recording, bp.blueprint(self.error_range, whole_ns=self._span))
         end(recording)
         del recording
         release()
@@ -120,8 +96,8 @@ class Scene:
         """Clears everything of the last part."""
         self.remove('file')
         for live in self.recordings.values():
-            live.log(f'{self._prefix}part', rr.Clear(recursive=True))
-            live.log(f'{self._prefix}maps', rr.Clear(recursive=True))
+            live.log('part', rr.Clear(recursive=True))
+            live.log('maps', rr.Clear(recursive=True))
         self._laid.clear()
         self._states.clear()
         self._path = self._span = None
@@ -134,7 +110,7 @@ class Scene:
             APPLICATION, recording_id=file.parent.name, batcher_config=batches
         )
         recording.set_sinks(rr.FileSink(str(file)))
-        send_layout(recording, bp.blueprint(self.error_range, robot=self.robot), active=False)
+        send_layout(recording, bp.blueprint(self.error_range), active=False)
         self.add('file', recording)
 
     def log(self, t: int, entity: str, what: rr.AsComponents) -> None:
@@ -144,14 +120,11 @@ class Scene:
         )
         for recording in self.recordings.values():
             self._set_time(recording, t)
-            recording.log(self._prefix + entity, what)
+            recording.log(entity, what)
 
     def _set_time(self, recording: rr.RecordingStream, t: int) -> None:
-        """ROS time, or seconds since the start of the job when several are shown; and the layer."""
-        if self._zero is None:
-            recording.set_time(bp.TIMELINE, timestamp=np.datetime64(t, 'ns'))
-        else:
-            recording.set_time(bp.JOB_TIME, duration=(t - self._zero) * 1e-9)
+        """ROS time and the layer."""
+        recording.set_time(bp.TIMELINE, timestamp=np.datetime64(t, 'ns'))
         recording.set_time(bp.LAYERS, sequence=self._layer)
 
     def layer(self, t: int, number: int) -> None:
@@ -186,7 +159,7 @@ class Scene:
         """curves by entity, (n, curves): at once to viewers, in larger parts to a file."""
         for name, recording in self.recordings.items():
             if name != 'file':
-                self._send_all(recording, times, curves)
+                self._send(recording, times, curves)
         if 'file' in self.recordings:
             self._held.append((times, curves))
             if sum(len(t) for t, _ in self._held) >= FILE_SAMPLES:
@@ -197,13 +170,7 @@ class Scene:
         if held:
             times = np.concatenate([t for t, _ in held])
             curves = {e: np.concatenate([c[e] for _, c in held]) for e in held[0][1]}
-            self._send_all(file, times, curves)
-
-    def _send_all(
-        self, recording: rr.RecordingStream, times: np.ndarray, curves: dict[str, np.ndarray]
-    ) -> None:
-        for entity, values in curves.items():
-            self._send(recording, entity, times, values)
+            self._send(file, times, curves)
 
     def _draw_laid(self, samples: list[Sample]) -> None:
         """The path that was welded, in pieces of one layer; only the newest piece grows."""
@@ -288,17 +255,11 @@ class Scene:
             self.remove(name)
 
     def _send(
-        self, recording: rr.RecordingStream, entity: str, times: np.ndarray, values: np.ndarray
+        self, recording: rr.RecordingStream, times: np.ndarray, curves: dict[str, np.ndarray]
     ) -> None:
-        """times (n,) ns, values (n, curves)."""
-        if self._zero is None:
-            column = rr.TimeColumn(bp.TIMELINE, timestamp=times.astype('datetime64[ns]'))
-        else:
-            column = rr.TimeColumn(bp.JOB_TIME, duration=(times - self._zero) * 1e-9)
-        recording.send_columns(
-            self._prefix + entity,
-            indexes=[column],
-            columns=rr.Scalars.columns(scalars=values.ravel()).partition(
-                np.full(len(values), values.shape[1])
-            ),
-        )
+        """times (n,) ns, curves by entity, (n, curves)."""
+        column = rr.TimeColumn(bp.TIMELINE, timestamp=times.astype('datetime64[ns]'))
+        for entity, values in curves.items():
+            rows = np.full(len(values), values.shape[1])
+            scalars = rr.Scalars.columns(scalars=values.ravel()).partition(rows)
+            recording.send_columns(entity, indexes=[column], columns=scalars)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -63,7 +62,6 @@ def _register_trend(verbs: Verbs, common: argparse.ArgumentParser) -> None:
         metavar='K',
         help='limits from the first K subgroups; 0 = all',
     )
-    p.add_argument('--rules', choices=('nelson', 'western'), default='nelson')
     p.add_argument(
         '--lower', type=float, default=-math.inf, help='limit of the specification, for Cpk'
     )
@@ -84,7 +82,7 @@ def _trend(args: argparse.Namespace) -> int:
         for job, when, v in zip(jobs, created.astype(object), values, strict=True)
     ]
     spec = (args.lower, args.upper)
-    found = chart(values, args.subgroup, args.baseline, args.rules, spec)
+    found = chart(values, args.subgroup, args.baseline, spec)
     ends = [
         rows[i] for i in range(args.subgroup - 1, len(found.means) * args.subgroup, args.subgroup)
     ]
@@ -190,10 +188,7 @@ def _print_record(record: dict[str, Any], page: Path | None) -> None:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    archive = opened(args, bulk=True)
-    columns, rows = archive.sql(args.query)
-    for line in archive.left_out:
-        print(f'waam: warning: {line}', file=sys.stderr)
+    columns, rows = opened(args).sql(args.query)
     if args.json:
         print_json([dict(zip(columns, r, strict=True)) for r in rows])
     else:

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from waam_process.cli_options import as_table
 from waam_process.cli_renamed import keep_old_name
 
 from ..selection import TEXTS, Selection, moment
@@ -20,7 +21,6 @@ from ..values import plain
 if TYPE_CHECKING:
     from ..archive import Archive
     from ..ingest import Outcome
-    from ..remote import Remote
 
 Verbs = argparse._SubParsersAction
 Row = dict[str, Any]
@@ -79,40 +79,16 @@ def jobs_meant(args: argparse.Namespace, archive: Archive) -> list[str]:
     return found
 
 
-def place(text: str) -> Path | str:
-    """Of --archive: a folder, or the address of a store (text)."""
-    return text if is_remote(text) else Path(text)
-
-
-def is_remote(text: object) -> bool:
-    """Whether a place is the address of a store."""
-    return isinstance(text, str) and '://' in text
-
-
-def remote(address: str, args: argparse.Namespace) -> Remote:
-    """The archive at an address, with its copy in the folder of jobs."""
-    from ..remote import Remote, copy_of
-
-    return Remote(address, copy_of(address, args.jobs_dir()))
-
-
 def archive_folder(args: argparse.Namespace) -> Path:
-    """Of --archive, which is a folder here, else archive/ in the folder of jobs."""
+    """Of --archive, else archive/ in the folder of jobs."""
     return args.archive or args.jobs_dir() / 'archive'
 
 
-def opened(args: argparse.Namespace, bulk: bool = False) -> Archive:
-    """The archive, with the new jobs of the folder of jobs in it. Of a store: as it is there; bulk: its telemetry and
-    maps are needed."""
+def opened(args: argparse.Namespace) -> Archive:
+    """The archive, with the new jobs of the folder of jobs in it."""
     from ..archive import Archive
     from ..ingest import ingest
 
-    if is_remote(args.archive):
-        with progress('copying from the store') as tick:
-            archive = Archive(remote(args.archive, args).pull(bulk, tick).root)
-        if not archive.store.exists:
-            raise ValueError(f'there is no archive at {args.archive.partition("?")[0]}')
-        return archive
     archive, jobs = Archive(archive_folder(args)), args.jobs_dir()
     if not args.no_ingest and jobs.is_dir():
         with progress('taking in new jobs') as tick:
@@ -172,7 +148,4 @@ def shown(value: Any) -> str:
 
 def print_table(columns: list[str], rows: list[list[Any]]) -> None:
     """Plain columns, as wide as what stands in them."""
-    cells = [[shown(v) for v in row] for row in rows]
-    widths = [max(len(r[i]) for r in (columns, *cells)) for i in range(len(columns))]
-    for row in (columns, *cells):
-        print('  '.join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip())
+    print(as_table(columns, [[shown(v) for v in row] for row in rows]))

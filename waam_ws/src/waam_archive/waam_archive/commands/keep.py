@@ -4,41 +4,35 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..policy import Decision, Words
-from ..schema import BULK, TABLES
+from ..policy import Decision, Policy
+from ..schema import TABLES
 from .common import (
     Verbs,
     add_filters,
     add_verb,
     archive_folder,
-    is_remote,
     jobs_meant,
     opened,
-    place,
     print_json,
     print_table,
     progress,
-    remote,
     selection,
     shown,
 )
 
 if TYPE_CHECKING:
-    from ..archive import Archive
     from ..ingest import Outcome
-    from ..selection import Selection
 
 FORMATS = ('parquet', 'csv', 'json')
 
 
 def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     """Adds the verbs."""
-    text = 'take in job folders, folders of them, and MCAP recordings; what is there already costs nothing'
+    text = 'take in job folders, folders of them, what is there already costs nothing'
     p = add_verb(verbs, common, 'ingest', text, _ingest)
     p.add_argument(
         'paths', metavar='PATH', nargs='*', type=Path, help='default: the folder of jobs'
@@ -51,10 +45,10 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     p.add_argument(
         '-o',
         '--output',
-        type=place,
+        type=Path,
         required=True,
         metavar='FOLDER',
-        help='must not exist yet; or s3://BUCKET/FOLDER',
+        help='must not exist yet',
     )
     p.add_argument('--format', choices=FORMATS, default='parquet')
     p.add_argument(
@@ -112,12 +106,9 @@ def _ingest(args: argparse.Namespace) -> int:
     from ..store import Store
 
     paths = args.paths or [args.jobs_dir()]
-    far = is_remote(args.archive)
-    store = remote(args.archive, args).pull(bulk=False) if far else Store(archive_folder(args))
+    store = Store(archive_folder(args))
     with progress('taking in jobs') as tick:
         outcome = ingest(store, paths, tick, replace=args.replace)
-    if store.exists:
-        _push(args)
     if args.json:
         print_json(asdict(outcome))
     else:
@@ -137,39 +128,12 @@ def _tell(outcome: Outcome) -> None:
 def _export(args: argparse.Namespace) -> int:
     from ..export import export
 
-    archive = opened(args, bulk=any(t in BULK for t in args.tables))
-    asked = archive, selection(args), args.format, args.tables
-    counts = _export_to(args, *asked) if is_remote(args.output) else export(*asked, args.output)
+    counts = export(opened(args), selection(args), args.format, args.tables, args.output)
     if args.json:
-        print_json({'folder': str(args.output).partition('?')[0], 'rows': counts})
+        print_json({'folder': str(args.output), 'rows': counts})
     else:
-        print(
-            f'{str(args.output).partition("?")[0]}: '
-            + ', '.join(f'{t} {n}' for t, n in counts.items())
-        )
+        print(f'{args.output}: ' + ', '.join(f'{t} {n}' for t, n in counts.items()))
     return 0
-
-
-def _export_to(
-    args: argparse.Namespace, archive: Archive, chosen: Selection, kind: str, tables: list[str]
-) -> dict[str, int]:
-    """To a store. ValueError when something is there."""
-    from ..export import export
-
-    at = remote(args.output, args)
-    if not at.empty:
-        raise ValueError(f'{at.place} exists; nothing was written')
-    with tempfile.TemporaryDirectory(prefix='waam_export_') as scratch:
-        counts = export(archive, chosen, kind, tables, Path(scratch) / 'tables')
-        at.put(Path(scratch) / 'tables')
-    return counts
-
-
-def _push(args: argparse.Namespace) -> None:
-    """What was changed goes to the store, when the archive is on one."""
-    if is_remote(args.archive):
-        with progress('copying to the store') as tick:
-            remote(args.archive, args).push(tick)
 
 
 def _delete(args: argparse.Namespace) -> int:
@@ -179,7 +143,6 @@ def _delete(args: argparse.Namespace) -> int:
         raise ValueError('nothing was deleted (--yes deletes without a question)')
     with archive.store.writing() as writer:
         writer.delete(set(jobs))
-    _push(args)
     if args.json:
         print_json({'deleted': jobs})
     else:
@@ -201,38 +164,36 @@ def _listed(jobs: list[str]) -> str:
 def _retain(args: argparse.Namespace) -> int:
     from ..retention import apply, decision, kept_policy
 
-    asked = Words(args.older_than, args.max_size)
-    asked.policy()  # a slip is named before anything is read
+    asked = Policy(args.older_than, args.max_size)
     archive = opened(args)
-    words = asked or kept_policy(archive.store)
-    if not words:
+    policy = asked or kept_policy(archive.store)
+    if not policy:
         raise ValueError(
             'say what may stay (--older-than AGE, --max-size SIZE), or keep a policy: waam jobs policy'
         )
     if args.dry_run:
-        found = decision(archive.store, archive.store.catalog(), words)
+        found = decision(archive.store, archive.store.catalog(), policy)
     else:
         with archive.store.writing() as writer:
-            found = apply(writer, words)
-        _push(args)
+            found = apply(writer, policy)
     if args.json:
-        print_json(_decided(args, words, found))
+        print_json(_decided(args, policy, found))
     else:
-        _tell_decision(args, words, found)
+        _tell_decision(args, policy, found)
     return 0
 
 
-def _decided(args: argparse.Namespace, words: Words, found: Decision) -> dict[str, Any]:
+def _decided(args: argparse.Namespace, policy: Policy, found: Decision) -> dict[str, Any]:
     return {
-        'policy': asdict(words), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
+        'policy': asdict(policy), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
         'bytes_left': found.left, 'bytes_over': found.over, 'spared': [h.job for h in found.spared],
     }  # fmt: skip
 
 
-def _tell_decision(args: argparse.Namespace, words: Words, found: Decision) -> None:
+def _tell_decision(args: argparse.Namespace, policy: Policy, found: Decision) -> None:
     from ..retention import told
 
-    print(f'policy: {words}')
+    print(f'policy: {policy}')
     rows = [[h.created, h.job, h.bytes / 1e6] for h in found.gone]
     if args.dry_run and rows:
         print_table(['created', 'job', 'MB'], rows)
@@ -241,31 +202,28 @@ def _tell_decision(args: argparse.Namespace, words: Words, found: Decision) -> N
         size = sum(h.bytes for h in found.spared) / 1e6
         print(f'{len(found.spared)} jobs without a report or a time keep theirs, {size:.1f} MB')
     if found.over:
-        print(f'that is {found.over / 1e6:.1f} MB more than {words.max_size}')
+        print(f'that is {found.over / 1e6:.1f} MB more than {policy.max_size}')
 
 
 def _policy(args: argparse.Namespace) -> int:
     from ..retention import keep_policy, kept_policy
     from ..store import Store
 
-    given = Words(args.older_than, args.max_size)
-    given.policy()
+    given = Policy(args.older_than, args.max_size)
     if given and args.clear:
         raise ValueError('--clear goes with no limit')
-    far = is_remote(args.archive)
-    store = remote(args.archive, args).pull(bulk=False) if far else Store(archive_folder(args))
+    store = Store(archive_folder(args))
     if args.clear:
-        words = Words()
+        policy = Policy()
     else:
         kept = kept_policy(store)
-        words = Words(given.older_than or kept.older_than, given.max_size or kept.max_size)
+        policy = Policy(given.older_than or kept.older_than, given.max_size or kept.max_size)
     if given or args.clear:
-        keep_policy(store, words)
-        _push(args)
+        keep_policy(store, policy)
     if args.json:
-        print_json(asdict(words))
+        print_json(asdict(policy))
     else:
-        print(f'policy: {words}')
+        print(f'policy: {policy}')
     return 0
 
 
@@ -273,15 +231,9 @@ def _verify(args: argparse.Namespace) -> int:
     from ..store import Store
     from ..verify import repair, verify
 
-    if is_remote(args.archive):
-        if args.sources or args.repair:
-            raise ValueError('--sources and --repair work on a folder, not on a store')
-        at = remote(args.archive, args)
-        store, wrong = at.pull(bulk=False), at.wrong_with
-    else:
-        store, wrong = Store(archive_folder(args)), None
+    store = Store(archive_folder(args))
     with progress('reading files') as tick:
-        verdict = verify(store, args.sources, tick, wrong)
+        verdict = verify(store, args.sources, tick)
     mended = repair(store, verdict) if args.repair and not verdict.sound else []
     if args.json:
         print_json({**asdict(verdict), 'sound': verdict.sound, 'repaired': mended})

@@ -22,7 +22,7 @@ from waam_sim.urdf_arm import branches
 from .. import params
 
 PER_SPEED = (2.5, 25.0)  # acceleration, 1/s, and jerk, 1/s^2, per speed: those of the M-20iB/25
-BRIDGE, CELL, DASHBOARD = 'robot_bridge', 'cell', 'dashboard'
+BRIDGE, CELL = 'robot_bridge', 'cell'
 
 
 def settings(file: Path, wanted: params.Overrides) -> dict[str, dict[str, Any]]:
@@ -51,14 +51,9 @@ def parameter_file(file: Path, given: list[Path], target: Path) -> Path:
     posture = dict(zip(robot['joint_names'], robot['posture'], strict=True))
     in_file = _of_joints(Path(robot['urdf']))['joint_names']
     cell.setdefault('robot_posture', [posture[name] for name in in_file])
-    shown = {
-        'robot_urdf': robot['urdf'],
-        'robot_joints': robot['joint_names'],
-        'robot_origin': cell['robot_origin'],
-    }
     text = {
         node: {'ros__parameters': _plain(values)}
-        for node, values in (('bridge', robot), (CELL, cell), (DASHBOARD, shown))
+        for node, values in (('bridge', robot), (CELL, cell))
     }
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(yaml.safe_dump(text))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,10 +10,8 @@ import numpy as np
 
 from ..bag_writer import BagError
 from ..log_column import Column
-from ..standard import Standard
 from . import messages as own
 from . import times
-from .heights import long_table, maps, wide_table
 from .mapping import FileMap
 from .quantities import PROFILE, ROLES, TELEMETRY, plain, si
 from .tally import Tally
@@ -26,9 +23,6 @@ OWN_NAMES = {
     'telemetry', 'profiles', 'temperature', 'height_map', 'correction_map', 'layer_plan', 'heat_factor', 'job_status',
     'layer_report', 'machine_state', 'anomaly', 'segment_done', 'process_estimate', 'joint_states',
 }  # fmt: skip
-FLOAT, TEMPERATURE, JOINTS = (
-    'std_msgs/msg/Float64', 'sensor_msgs/msg/Temperature', 'sensor_msgs/msg/JointState',
-)  # fmt: skip
 
 
 @dataclass
@@ -90,13 +84,6 @@ def check(table: Table, one: FileMap, name: str) -> None:
         raise BagError(
             f'{name}: the mapping says nothing of column {lacking[0]!r}; `{{is: ignore}}` leaves it out'
         )
-    heights = sum(c.role == 'segment_height' for c in one.columns.values())
-    if heights and not (one.column_of('layer') and one.segment_length > 0):
-        raise BagError(f'{name}: heights by segment need a column layer and segment_length_mm')
-    if heights and (heights > 1) == bool(one.column_of('segment')):
-        raise BagError(
-            f'{name}: heights need a column segment, or several columns with heights: a segment each'
-        )
     if any(one.column_of(r) for r in PROFILE) and not (
         one.column_of('profile_x') and _height_role(one)
     ):
@@ -150,7 +137,7 @@ def imported(table: Table, one: FileMap, name: str, stem: str) -> Imported:
             f'{name}: no row is left: {"; ".join(file.tally.told()) or "the table is empty"}'
         )
     remarks = _order(file)
-    makers = (_telemetry, _profiles, _points, _heights, _joints, _temperatures, _numbers)
+    makers = (_telemetry, _profiles, _points, _temperatures, _numbers)
     columns = [c for make in makers for c in make(file)]
     columns = [c for c in columns if list(c.messages)]
     if not columns:
@@ -169,7 +156,7 @@ def _order(file: _File) -> list[str]:
     """Repeated stamps are spread; steps back are told."""
     told = []
     if file.map.time.column:
-        if not any(file.map.column_of(r) for r in ('point_profile', 'segment')):
+        if not file.map.column_of('point_profile'):
             file.stamps, moved = times.spread(file.stamps)
             if moved:
                 told.append(
@@ -199,7 +186,7 @@ def _telemetry(file: _File) -> list[Column]:
     for k, stamp in enumerate(file.stamps):
         values = {name: float(v[k]) for name, v in fields.items()}
         found.append((stamp, own.telemetry(stamp, k + 1, values)))
-    return [Column(own.own_topic('/telemetry', own.TELEMETRY), found)]
+    return [Column(own.topic('/telemetry', own.TELEMETRY), found)]
 
 
 def _along(file: _File, fields: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -233,7 +220,7 @@ def _profiles(file: _File) -> list[Column]:
             continue
         across, up = lists[0] * factors[0], lists[1] * factors[1]
         _profile(file, found, line, stamp, across, up, lists[2])
-    return [Column(own.own_topic('/profiles', own.PROFILES), found)]
+    return [Column(own.topic('/profiles', own.PROFILES), found)]
 
 
 def _profile(
@@ -274,43 +261,7 @@ def _points(file: _File) -> list[Column]:
                 np.empty(0),
             )
             begin = k
-    return [Column(own.own_topic('/profiles', own.PROFILES), found)]
-
-
-def _heights(file: _File) -> list[Column]:
-    one = file.map
-    names = [n for n, c in one.columns.items() if c.role == 'segment_height']
-    if not names:
-        return []
-    layer, z = (
-        file.values(one.column_of('layer')),
-        np.stack([file.values(n) for n in names], axis=1),
-    )
-    if one.column_of('segment'):
-        rows = long_table(layer, file.values(one.column_of('segment')), z[:, 0])
-    else:
-        rows = wide_table(layer, z)
-    found = maps(rows, file.stamps, file.lines, file.tally, one.segment_length)
-    return [Column(own.own_topic('/height_map', own.MAP), found)]
-
-
-def _joints(file: _File) -> list[Column]:
-    texts = file.role('joints')
-    if texts is None:
-        return []
-    found = []
-    for line, stamp, text in zip(file.lines, file.stamps, texts, strict=True):
-        try:
-            values = [float(v) for v in ast.literal_eval(text)] if len(text) < 10_000 else []
-        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError, OverflowError):
-            values = []
-        if not values:
-            file.tally.add('rows without a list of joint positions', line)
-            continue
-        told = file.table.joints
-        names = told if len(told) == len(values) else [f'joint_{k + 1}' for k in range(len(values))]
-        found.append((stamp, Standard.joint_state(stamp, names, values)))
-    return [Column(own.standard_topic(f'/{file.stem}/joint_states', JOINTS), found)]
+    return [Column(own.topic('/profiles', own.PROFILES), found)]
 
 
 def _temperatures(file: _File) -> list[Column]:
@@ -318,8 +269,8 @@ def _temperatures(file: _File) -> list[Column]:
     out = []
     for name in names:
         topic = '/temperature' if len(names) == 1 else f'/{file.stem}/{_topic(name)}'
-        pairs = _told(file, name, Standard.temperature)
-        out.append(Column(own.standard_topic(topic, TEMPERATURE), pairs))
+        pairs = _told(file, name, own.temperature)
+        out.append(Column(own.topic(topic, own.TEMPERATURE), pairs))
     return out
 
 
@@ -331,8 +282,8 @@ def _numbers(file: _File) -> list[Column]:
             again = f'{again}_2'
         had.add(again)
         topic = again
-        pairs = _told(file, name, lambda stamp, v: Standard.float64(v))
-        out.append(Column(own.standard_topic(topic, FLOAT), pairs))
+        pairs = _told(file, name, lambda stamp, v: own.number(v))
+        out.append(Column(own.topic(topic, own.FLOAT), pairs))
     return out
 
 

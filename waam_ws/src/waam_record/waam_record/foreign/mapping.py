@@ -51,13 +51,12 @@ class Column:
 
 @dataclass(frozen=True)
 class FileMap:
-    """One file. segment_length: m, of tables of heights; 0 = there is none."""
+    """One file."""
 
     form: Form
     time: Time
     columns: Mapping[str, Column]
     travel: Travel | None = None
-    segment_length: float = 0.0
     notes: Mapping[str, str] = field(
         default_factory=dict
     )  # what of a proposal is guessed, by place
@@ -114,7 +113,7 @@ def _one_of(value: Any, where: str, allowed: tuple[str, ...]) -> str:
 
 
 def _file(value: Any, where: str) -> FileMap:
-    keys = ('delimiter', 'decimal', 'header_line', 'time', 'columns', 'travel', 'segment_length_mm')
+    keys = ('delimiter', 'decimal', 'header_line', 'time', 'columns', 'travel')
     block = _block(value, where, keys)
     delimiter = _one_of(block.get('delimiter'), f'{where}: delimiter', tuple(DELIMITERS))
     decimal = _one_of(block.get('decimal', '.'), f'{where}: decimal', ('.', ','))
@@ -123,13 +122,11 @@ def _file(value: Any, where: str) -> FileMap:
     line = _real(block.get('header_line', 1), f'{where}: header_line', 0, 1e6)
     columns = _columns(block.get('columns'), f'{where}: columns')
     travel = _travel(block['travel'], f'{where}: travel') if block.get('travel') else None
-    length = block.get('segment_length_mm', 0.0)
-    length = _real(length, f'{where}: segment_length_mm', 0, 1e4) * 1e-3
     time = _time(block.get('time'), f'{where}: time')
     for name in (time.column, time.nanoseconds):
         if name in columns:
             raise BagError(f'{where}: column {name} is the time and stands under columns, too')
-    return FileMap(Form(delimiter, decimal, int(line)), time, columns, travel, length)
+    return FileMap(Form(delimiter, decimal, int(line)), time, columns, travel)
 
 
 def _columns(value: Any, where: str) -> dict[str, Column]:
@@ -227,10 +224,6 @@ def _written(one: FileMap) -> list[str]:
         start = ', '.join(f'{v * 1e3:g}' for v in t.start)
         values = f"direction: '{t.direction}', speed_mm_s: {t.speed * 1e3:g}, start_mm: [{start}]"
         lines.append(f'    travel: {{{values}}}{note.get("travel", "")}')
-    if one.segment_length:
-        lines.append(
-            f'    segment_length_mm: {one.segment_length * 1e3:g}{note.get("segment", "")}'
-        )
     lines.append('    columns:' + ('' if one.columns else ' {}'))
     for name, c in one.columns.items():
         unit = f', unit: {c.unit}' if c.unit else ''

@@ -1,4 +1,4 @@
-"""Messages of this software as bytes, without ROS, from their installed definitions."""
+"""Messages as CDR, without ROS: those of this software from their installed definitions, standard ones by rosbags."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ from waam_node.cdr import TelemetryFields, pack_telemetry
 from ..bag_writer import BagError, Topic
 from ..definitions import DefinitionError, ament_prefixes, full_text
 from ..log_column import QOS
-from ..standard import Standard
 
 TELEMETRY = 'waam_msgs/msg/Telemetry'
 PROFILES = 'waam_msgs/msg/ProfileBatch'
-MAP = 'waam_msgs/msg/HeightMap'
+FLOAT, TEMPERATURE = 'std_msgs/msg/Float64', 'sensor_msgs/msg/Temperature'
 NUMBERS = (
     'x', 'y', 'z', 'travel_speed', 'wire_feed_commanded', 'wire_feed_speed', 'arc_current', 'arc_voltage',
 )  # fmt: skip
@@ -34,35 +33,38 @@ SILENT: dict[str, Any] = {
 
 @cache
 def _store() -> Typestore:
+    """The standard types and those of this software, by their installed definitions."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    for kind in (TELEMETRY, PROFILES, MAP):
-        types = get_types_from_msg(_text(kind), kind)
-        store.register({k: v for k, v in types.items() if k not in store.fielddefs})
+    try:
+        for kind in (TELEMETRY, PROFILES):
+            types = get_types_from_msg(full_text(kind, ament_prefixes()), kind)
+            store.register({k: v for k, v in types.items() if k not in store.fielddefs})
+    except DefinitionError as e:
+        raise BagError(f'{e}: run `. ./env.sh` first') from None
     return store
 
 
-@cache
-def _text(kind: str) -> str:
-    try:
-        return full_text(kind, ament_prefixes())
-    except DefinitionError as e:
-        raise BagError(f'{e}: run `. ./env.sh` first') from None
+def topic(name: str, kind: str) -> Topic:
+    """A topic with a type of this software or a standard one."""
+    text, _ = _store().generate_msgdef(kind, ros_version=2)
+    return Topic(name, kind, text, _store().hash_rihs01(kind), (QOS,))
 
 
-def own_topic(name: str, kind: str) -> Topic:
-    """A topic with a type of this software."""
-    return Topic(name, kind, _text(kind), _store().hash_rihs01(kind), (QOS,))
-
-
-def standard_topic(name: str, kind: str) -> Topic:
-    """A topic with a standard type."""
-    return Topic(name, kind, Standard.text(kind), Standard.hash(kind), (QOS,))
-
-
-def _header(stamp: int, frame: str) -> Any:
+def _header(stamp: int, frame: str = '') -> Any:
     types = _store().types
     time = types['builtin_interfaces/msg/Time'](stamp // 10**9, stamp % 10**9)
     return types['std_msgs/msg/Header'](time, frame)
+
+
+def number(value: float) -> bytes:
+    """std_msgs/Float64 as CDR."""
+    return bytes(_store().serialize_cdr(_store().types[FLOAT](value), FLOAT))
+
+
+def temperature(stamp: int, celsius: float) -> bytes:
+    """sensor_msgs/Temperature as CDR; stamp: ns, variance unknown (0)."""
+    message = _store().types[TEMPERATURE](_header(stamp), celsius, 0.0)
+    return bytes(_store().serialize_cdr(message, TEMPERATURE))
 
 
 def telemetry(stamp: int, number: int, values: dict[str, float]) -> bytes:
@@ -87,36 +89,3 @@ def profile(stamp: int, number: int, x: np.ndarray, z: np.ndarray, light: np.nda
         intensity=np.asarray(light, np.float32),
     )
     return bytes(_store().serialize_cdr(message, PROFILES))
-
-
-def heights(stamp: int, layer: int, number: int, z: np.ndarray, length: float) -> bytes:
-    """A row of cells, one per segment of this length (m), with heights z (n,) m, NaN = none."""
-    types = _store().types
-    point, turn = types['geometry_msgs/msg/Point'], types['geometry_msgs/msg/Quaternion']
-    pose = types['geometry_msgs/msg/Pose'](point(0.0, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
-    grid = types['waam_msgs/msg/GridInfo'](length, 1, len(z), pose)
-    known = np.isfinite(z)
-    nothing = np.full(len(z), np.nan, np.float32)
-    message = types[MAP](
-        header=_header(stamp, 'work'),
-        job_id='',
-        scan_id=number,
-        layer=layer,
-        grid=grid,
-        z=np.asarray(z, np.float32),
-        sigma=nothing,
-        count=known.astype(np.uint16),
-        coverage=float(known.mean()),
-        plausible=True,
-        reasons=['imported: heights by segment, no uncertainty'],
-        profiles_used=0,
-        profiles_rejected=0,
-        points_used=int(known.sum()),
-        points_rejected=0,
-        residual=math.nan,
-        bead_width=math.nan,
-        bead_width_u=math.nan,
-        bead_width_expected=math.nan,
-        bead_width_sections=0,
-    )
-    return bytes(_store().serialize_cdr(message, MAP))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from statistics import median
 
@@ -44,9 +43,8 @@ def propose(table: Table) -> FileMap:
         columns[name] = column
         if note:
             notes[f'column {name}'] = note
-    _wide(columns, notes)
     one = FileMap(table.form, time, columns, notes=notes)
-    return _travel(_segments(one, notes), notes)
+    return _travel(one, notes)
 
 
 def _values(table: Table, name: str) -> list[str]:
@@ -56,7 +54,7 @@ def _values(table: Table, name: str) -> list[str]:
 
 
 def _kind(table: Table, name: str) -> str:
-    """'number', 'list' (numbers between blanks), 'joints' ([1, 2]), 'empty' or 'text': of most cells."""
+    """'number', 'list' (numbers between blanks), 'empty' or 'text': of most cells."""
     filled = [t for t in _values(table, name) if not missing(t)]
     if not filled:
         return 'empty'
@@ -64,8 +62,6 @@ def _kind(table: Table, name: str) -> str:
     decimal = table.form.decimal
     if sum(not math.isnan(number(t, decimal)) for t in filled) >= need:
         return 'number'
-    if sum(t.startswith('[') and t.endswith(']') for t in filled) >= need:
-        return 'joints' if any(any(c.isdigit() for c in t) for t in filled) else 'text'
     lists = [t.split() for t in filled[:50]]
     good = sum(len(v) > 1 and not any(math.isnan(number(c, decimal)) for c in v) for v in lists)
     return 'list' if good >= 0.5 * len(lists) else 'text'
@@ -147,26 +143,16 @@ def _column(
         return Column('ignore'), 'has no value'
     if plain in ROS_HEADER:
         return Column('ignore'), 'of the header that ROS gives a message'
-    if kind == 'joints' and plain in ROLES['joints'].names:
-        return _once('joints', had, name)
-    if kind in ('text', 'joints'):
+    if kind == 'text':
         return Column('ignore'), 'NOT UNDERSTOOD: no numbers'
     if kind == 'list' or points:
         return _of_profile(table, name, plain, unit, had, points and kind != 'list')
     role = next((r for r, k in ROLES.items() if plain in k.names), None)
-    if role in ('layer', 'segment', 'segment_height') and not _has_segments(table):
-        role = None
-    if role is None or listed or role == 'joints':
+    if role is None or listed:
         return Column('number'), 'NOT UNDERSTOOD: kept as a number, without a unit'
-    if role not in ('temperature',) and any(c.role == role for c in had.values()):
+    if role != 'temperature' and any(c.role == role for c in had.values()):
         return Column('number'), f'a second {role}: kept as a number'
     return _with_unit(table, name, role, unit)
-
-
-def _once(role: str, had: dict[str, Column], name: str) -> tuple[Column, str]:
-    if any(c.role == role for c in had.values()):
-        return Column('ignore'), f'a second {role}'
-    return Column(role), ''
 
 
 def _of_profile(
@@ -216,45 +202,6 @@ def _with_unit(table: Table, name: str, role: str, unit: str) -> tuple[Column, s
     found = next(u for top, u in steps if middle <= top)
     span = f'{min(sizes, default=0.0):.4g} .. {max(sizes, default=0.0):.4g}'
     return Column(role, found), f'{GUESSED}: {found} from the name and the sizes {span}'
-
-
-def _has_segments(table: Table) -> bool:
-    plain = [parts_of(h)[0] for h in table.head]
-    return all(
-        any(n in plain for n in ROLES[r].names) for r in ('layer', 'segment', 'segment_height')
-    )
-
-
-def _wide(columns: dict[str, Column], notes: dict[str, str]) -> None:
-    """A column layer and columns s1, s2, s3 ...: a height of each segment."""
-    layer = next((n for n in columns if parts_of(n)[0] in ROLES['layer'].names), None)
-    found: dict[str, list[tuple[int, str]]] = {}
-    for name, c in columns.items():
-        numbered = re.fullmatch(r'(.*?)_?(\d{1,4})', parts_of(name)[0], re.ASCII)
-        if numbered and c.role == 'number':
-            found.setdefault(numbered[1], []).append((int(numbered[2]), name))
-    for pairs in found.values():
-        numbers = [n for n, _ in pairs]
-        if (
-            layer
-            and len(pairs) >= 3
-            and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-        ):
-            columns[layer] = Column('layer')
-            notes.pop(f'column {layer}', None)
-            for _, name in pairs:
-                unit = parts_of(name)[1]
-                known = unit if unit in UNITS['length'] else 'mm'
-                columns[name] = Column('segment_height', known)
-                notes[f'column {name}'] = f'{GUESSED}: the height of a segment'
-            return
-
-
-def _segments(one: FileMap, notes: dict[str, str]) -> FileMap:
-    if not one.column_of('segment_height'):
-        return one
-    notes['segment'] = f'{GUESSED}: say how long a segment is'
-    return replace(one, segment_length=1e-3)
 
 
 def _travel(one: FileMap, notes: dict[str, str]) -> FileMap:

@@ -57,10 +57,6 @@ ROLES: Mapping[str, Role] = {
     'profile_distance': Role('length', 'list of a profile, away from the scanner'),
     'profile_intensity': Role('none', 'list of a profile'),
     'point_profile': Role('none', 'number of the profile that a point belongs to'),
-    'layer': Role('none', 'number of the layer', ('layer', 'layer_number', 'lage', 'layer_no')),
-    'segment': Role('none', 'number of the segment in its layer', ('segment', 'seg', 'segment_number')),
-    'segment_height': Role('length', 'height of the surface at a segment', ('height', 'h', 'bead_height')),
-    'joints': Role('none', 'list of joint positions, rad or m', ('position', 'joint_positions')),
     'number': Role('none', 'any number, kept on a topic of its own'),
     'ignore': Role('none', 'not imported'),
 }  # fmt: skip
@@ -69,12 +65,7 @@ TELEMETRY = (
     'arc_voltage', 'arc_on',
 )  # fmt: skip
 PROFILE = ('profile_x', 'profile_height', 'profile_distance', 'profile_intensity')
-MANY = (
-    'number',
-    'ignore',
-    'temperature',
-    'segment_height',
-)  # roles that several columns of a file may have
+MANY = ('number', 'ignore', 'temperature')  # roles that several columns of a file may have
 TIME_NAMES = (
     'rosbagtimestamp', 'timestamp', 'time', 'stamp', 't', '%time', 'timereceived', 'time_stamp', 'datetime',
     'date_time', 'zeit', 'date', 'secs', 'seconds', 'elapsed', 'elapsed_time',

@@ -30,15 +30,12 @@ class Form:
 @dataclass(frozen=True)
 class Table:
     """head: names of the columns, each once. rows: line number and cells, as many as names. skipped: lines that are no
-    row, with the reason. before: lines above the header that are not blank. joints: names of joints that stand in the
-    header only, as exports of ROS have it."""
+    row, with the reason."""
 
     form: Form
     head: list[str]
     rows: list[tuple[int, list[str]]]
     skipped: list[tuple[int, str]]
-    before: int
-    joints: list[str]
 
 
 def decoded(data: bytes, name: str) -> str:
@@ -169,7 +166,6 @@ def read_table(data: bytes, name: str, form: Form | None = None) -> Table:
         raise BagError(f'{name}, line {form.header_line}: {e}') from None
     rows: list[tuple[int, list[str]]] = []
     skipped: list[tuple[int, str]] = []
-    joints: list[str] = []
     for n, line in enumerate(lines[form.header_line :], form.header_line + 1):
         if not line.strip():
             continue
@@ -182,23 +178,12 @@ def read_table(data: bytes, name: str, form: Form | None = None) -> Table:
             head = [f'column_{k + 1}' for k in range(len(cells))]
         if len(cells) == len(head) + 1 and not cells[-1]:
             cells.pop()
-        if not rows and not joints and len(cells) < len(head):
-            head, joints = _without_joints(head, len(cells))
         if len(cells) == len(head):
             rows.append((n, cells))
         else:
             skipped.append((n, f'{len(cells)} cells, the header has {len(head)}'))
     _check(name, form, head, rows, skipped)
-    above = sum(bool(line.strip()) for line in lines[: max(form.header_line - 1, 0)])
-    return Table(form, _unique(head), rows, skipped, above, joints)
-
-
-def _without_joints(head: list[str], cells: int) -> tuple[list[str], list[str]]:
-    """A header without its entries like '- joint_1' when that leaves as many as there are cells."""
-    rest = [h for h in head if not h.startswith('- ')]
-    if len(rest) == cells:
-        return rest, [h.removeprefix('- ') for h in head if h.startswith('- ')]
-    return head, []
+    return Table(form, _unique(head), rows, skipped)
 
 
 def _check(name: str, form: Form, head: list[str], rows: list, skipped: list) -> None:
