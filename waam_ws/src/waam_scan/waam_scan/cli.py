@@ -76,13 +76,10 @@ Finds the rigid motion that brings SCAN onto the reference: an earlier scan (dri
 (placement of the part). Metal that was added or is missing is not taken for motion. What a flat or round surface
 cannot show (sliding on a plane, turning about the axis of a shaft) is left unmoved and named.
 SCAN: PLY, PCD or NPY cloud (--scale: m per unit, default 0.001 = mm) or a map (.npz, in m).
-With three or more clouds, or --sequence: a scanner whose poses are missing (hand-held, carried by a robot); every cloud
-is placed against the map of those before (KISS-ICP, then refined), a trajectory and one cloud are written.
 
 examples:
   waam scan register scan_004.npz scan_003.npz                   drift since the last layer, new metal allowed
   waam scan register found.ply roller.stl --search --change wear placed anywhere on the table, worn
-  waam scan register frame_*.ply --out track
 Writes registration.json (transform, uncertainty, what is unobserved), registration.png and, with --moved, the cloud.
 """
 COMPARE_EPILOG = """\
@@ -160,12 +157,11 @@ def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], None], str, str, 
                                     'help': 'keep the start value where the scans show nothing, instead of refusing'},
         }),
         'register': (align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG, {
-            'clouds': {'type': Path, 'nargs': '+', 'metavar': 'SCAN', 'help': 'SCAN REFERENCE, or frames'},
+            'scan': {'type': Path, 'metavar': 'SCAN', 'help': 'cloud or map'},
+            'reference': {'type': Path, 'metavar': 'REFERENCE', 'help': 'cloud, map or mesh'},
             '--change': {'choices': ('growth', 'wear', 'any'), 'default': 'growth', 'help': f'{HOW} (default growth)'},
             **CHANGE,
             '--search': {'action': 'store_true', 'help': 'the part may lie anywhere, turned about z by any angle'},
-            '--sequence': {'action': 'store_true', 'help': 'frames without poses: odometry'},
-            '--voxel': {'type': float, 'default': 0.5, 'metavar': 'MM', 'help': 'of the odometry (default 0.5)'},
             '--out': {'type': Path, 'default': Path('registration'), 'help': 'folder for the results'},
             '--moved': {'action': 'store_true', 'help': 'also write the moved cloud as PLY (mm)'},
         }),
@@ -288,7 +284,7 @@ def calibrate(args: argparse.Namespace) -> None:
 
 
 def align(args: argparse.Namespace) -> None:
-    """Registration or odometry."""
+    """Registration."""
     from .commands.registration_report import register_files
 
     register_files(args)
