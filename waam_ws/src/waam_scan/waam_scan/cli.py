@@ -27,14 +27,13 @@ NAME.png and with --ply the surface for other tools.
 examples:
   waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
-  waam scan fuse wall.pcd --cell 0.5 --fill 2
+  waam scan fuse wall.pcd --cell 0.5
 
 What is bad is left out by name and the rest goes on: a profile of one point, a scan without returns, telemetry or
 motion. Each is said with file, profile (counted from 0) and reason, with the count at the end. Only when nothing is
 left it fails.
 
-A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
-area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture.
+A cell smaller than the way between two profiles leaves gaps: nothing is filled in.
 """
 PICTURE_EPILOG = """\
 examples:
@@ -131,8 +130,6 @@ def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], None], str, str, 
                         'help': 'the same in mm and degrees (default 60 0 120 0 0 90; of a recorded job what it used)'},
             '--scale': {'type': float, 'default': 1e-3, 'metavar': 'M',
                         'help': 'm per unit of clouds (default 0.001: mm)'},
-            '--fill': {'type': float, 'default': 0.0, 'metavar': 'MM2',
-                       'help': 'fill holes up to this area in mm² (default 0: none)'},
         }),
         'picture': (picture, 'a map file as PNG picture or PLY surface', PICTURE_EPILOG, {
             'map': {'type': Path, 'help': 'NPZ file of a map'},
@@ -239,9 +236,7 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
     if args.mount:
         rpy = tuple(math.radians(a) for a in args.mount[3:])
         mounting = Mounting.from_rpy(tuple(v * 1e-3 for v in args.mount[:3]), rpy)
-    return argparse.Namespace(
-        scale=args.scale, mounting=mounting, fill=args.fill * 1e-6, ply=args.ply
-    )
+    return argparse.Namespace(scale=args.scale, mounting=mounting, ply=args.ply)
 
 
 def picture(args: argparse.Namespace) -> None:
