@@ -1,14 +1,13 @@
 """Missing metal between nominal and scan: the figures, the files, and that the planner can read them."""
 
-import argparse
 import json
 
 import numpy as np
 import pytest
+from scan_cli import run
 
 from waam_node.stl import write_stl
 from waam_process.grid import GridSpec, HeightGrid
-from waam_scan import cli
 from waam_scan.commands.compare_report import planner_frame
 from waam_scan.map_file import load_map
 from waam_scan.registration.clouds import is_mesh, load_points, load_triangles
@@ -71,13 +70,6 @@ def worn_cloud(rng, step=0.2e-3, noise=20e-6):
     pocket = (x > x0) & (x < x1) & (y > y0) & (y < y1)
     z = top(x, y) - deep * pocket + noise * rng.standard_normal(len(x))
     return np.column_stack([x, y, z])
-
-
-def run(*words):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    args = parser.parse_args(['scan', *(str(w) for w in words)])
-    return args.run_command(args)
 
 
 def test_top_heights_are_those_of_the_mesh():

@@ -1,11 +1,9 @@
 """`waam scan fuse` on passes and clouds of all formats."""
 
-import argparse
-
 import numpy as np
 import pytest
+from scan_cli import run
 
-from waam_scan import cli
 from waam_scan.map_file import load_map
 
 CELL = 0.5e-3
@@ -34,13 +32,6 @@ def write_cloud(path, points, kind):
         np.savetxt(path, points, '%.6f')
     else:
         assert o3d.io.write_point_cloud(str(path), pc, compressed=kind == 'compressed')
-
-
-def run(*arguments):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    args = parser.parse_args(['scan', *map(str, arguments)])
-    return args.run_command(args)
 
 
 @pytest.mark.parametrize(

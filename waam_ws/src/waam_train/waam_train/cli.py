@@ -8,7 +8,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from waam_process.cli_options import Verbs, add_verb
 
 if TYPE_CHECKING:
     from .train import Trainer
@@ -28,25 +30,16 @@ last bit.
 """
 
 
-def register(commands: Any) -> None:
+def register(commands: Verbs) -> None:
     """Adds the verb to argparse sub-parsers."""
-    p = commands.add_parser(
-        'train',
-        help='train the correction network on layers of the laboratory',
-        description='Train the U-Net of law unet on layers of python3 -m waam_lab.training_data.',
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    _arguments(p)
+    p = add_verb(
+        commands, 'train', 'train the correction network on layers of the laboratory',
+        ('data', Path, 'folder of waam_lab.training_data', 'DATA'), ('--out', Path, '', 'FOLDER', {'required': True}),
+        ('--steps', 2500, 'default 2500'), ('--seed', 1, 'default 1'),
+        ('--start', Path, 'weights to begin with', 'NPZ'),
+        description='Train the U-Net of law unet on layers of python3 -m waam_lab.training_data.', epilog=EPILOG,
+    )  # fmt: skip
     p.set_defaults(run_command=run)
-
-
-def _arguments(p: argparse.ArgumentParser) -> None:
-    p.add_argument('data', type=Path, metavar='DATA', help='folder of waam_lab.training_data')
-    p.add_argument('--out', type=Path, required=True, metavar='FOLDER')
-    p.add_argument('--steps', type=int, default=2500, help='default 2500')
-    p.add_argument('--seed', type=int, default=1)
-    p.add_argument('--start', type=Path, metavar='NPZ', help='weights to begin with')
 
 
 def run(args: argparse.Namespace) -> int:
