@@ -1,32 +1,26 @@
 """scan_fusion as a real process: telemetry, profiles and the scanner are published by the test over real DDS."""
 
-import os
-import subprocess
-import sys
 import time
 from array import array
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_srvs.srv import SetBool
 
 from waam_msgs.msg import Anomaly, HeightMap, JobStatus, ProfileBatch, Telemetry
 from waam_msgs.srv import BeginScan, FinishScan
+from waam_node import testing_graph
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, seconds, time_to_msg
 from waam_node.qos import EVENTS, LATCHED, PROFILES, SENSOR, TELEMETRY
-from waam_node.testing import fresh_domain
 from waam_process.grid import GridSpec
 
 SPEC = GridSpec(0.0, 0.0, 1e-3, 20, 30)
 NOISE = 20e-6
 BEGIN, FINISH = BeginScan.Response, FinishScan.Response
-START = 'from waam_scan.scan_fusion_node import main; main()'
 
 
 def surface(x, y):
@@ -88,48 +82,19 @@ class Cell(Node):
         self.profiles.publish(msg)
 
 
-class Graph:
-    """The node under test and the cell, with a way to wait for conditions."""
+class Graph(testing_graph.Graph):
+    """The node under test and the cell."""
 
-    def __init__(self, domain: int, with_scanner: bool = True, parameters: tuple = ()) -> None:
+    def __init__(self, with_scanner: bool = True, parameters: tuple = ()) -> None:
+        super().__init__(lambda context: Cell(context, with_scanner))
+        self.cell = cell = self.node
         self.clock = 0.0
-        env = os.environ | {'ROS_DOMAIN_ID': str(domain)}
-        args = [a for p in parameters for a in ('-p', p)]
-        self.process = subprocess.Popen(
-            [sys.executable, '-c', START, '--ros-args', *args],
-            env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.cell = Cell(self.context, with_scanner)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.cell)
-
-    def wait(self, condition, timeout: float = 90.0) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > end or self.process.poll() is not None:
-                self.process.terminate()
-                pytest.fail(
-                    f'not reached in {timeout} s; node said: {self.process.communicate()[0]}'
-                )
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def ready(self) -> 'Graph':
-        cell = self.cell
+        self.start('waam_scan', 'scan_fusion', *(a for p in parameters for a in ('-p', p)))
         self.wait(
-            lambda: cell.begin.service_is_ready() and cell.finish.service_is_ready()
-            and cell.telemetry.get_subscription_count() and cell.profiles.get_subscription_count()
-        )  # fmt: skip
-        # A server that has not yet found the reader of a new client loses its first answer.
-        self.executor.spin_once(timeout_sec=0.5)
-        time.sleep(0.5)
-        return self
-
-    def call(self, client, request, timeout: float = 60.0):
-        future = client.call_async(request)
-        self.wait(future.done, timeout)
-        return future.result()
+            lambda: (
+                cell.telemetry.get_subscription_count() and cell.profiles.get_subscription_count()
+            )
+        )
 
     def begin(self, job: str = 'a', layer: int = 0, keep: bool = False, spec: GridSpec = SPEC):
         grid = grid_to_msg(spec)
@@ -156,22 +121,10 @@ class Graph:
             self.executor.spin_once(timeout_sec=0)
         return t0 + 3.99
 
-    def close(self) -> str:
-        self.process.terminate()
-        try:
-            out, _ = self.process.communicate(timeout=10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            out, _ = self.process.communicate()
-        self.executor.shutdown()
-        self.cell.destroy_node()
-        rclpy.shutdown(context=self.context)
-        return out
-
 
 @pytest.fixture(scope='module')
 def running():
-    g = Graph(fresh_domain()).ready()
+    g = Graph()
     yield g
     g.close()
 
@@ -270,7 +223,7 @@ def test_malformed_batches_are_refused_counted_and_said(graph):
 
 @pytest.fixture
 def without_scanner():
-    g = Graph(fresh_domain(), with_scanner=False, parameters=('scanner_wait:=0.3',)).ready()
+    g = Graph(False, ('scanner_wait:=0.3',))
     yield g
     g.close()
 
@@ -308,10 +261,6 @@ def test_a_scan_ends_with_its_job_and_a_late_request_of_that_job_begins_none(gra
 
 
 def test_an_unknown_parameter_is_refused_by_name():
-    env = os.environ | {'ROS_DOMAIN_ID': str(fresh_domain())}
-    ran = subprocess.run(
-        [sys.executable, '-c', START, '--ros-args', '-p', 'cel:=1.0'],
-        env=env, capture_output=True, text=True, timeout=30,
-    )  # fmt: skip
-    assert ran.returncode == 2
-    assert "unknown parameter 'cel'" in ran.stderr
+    g = testing_graph.Graph()
+    assert g.start('waam_scan', 'scan_fusion', '-p', 'cel:=1.0').wait(30) == 2
+    assert "unknown parameter 'cel'" in g.close()

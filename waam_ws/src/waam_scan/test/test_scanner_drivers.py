@@ -13,7 +13,6 @@ from test_scan_fusion_node import BEGIN, FINISH, NOISE, SPEC, Graph, surface
 from waam_msgs.msg import ProfileBatch
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, nanoseconds, time_to_msg
-from waam_node.testing import fresh_domain
 
 FIRST, APART = (
     float(np.float32(-0.08)),
@@ -132,7 +131,7 @@ class Driver:
 
 @pytest.fixture(scope='module')
 def graph():
-    g = Graph(fresh_domain(), with_scanner=False).ready()
+    g = Graph(with_scanner=False)
     yield g
     g.close()
 
