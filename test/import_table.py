@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     'waam_calibrate': {'waam_plan', 'waam_process', 'waam_robot'},
     'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
     'waam_archive': {'waam_node', 'waam_process'},
-    'waam_train': {'waam_adapt'},
+    'waam_train': {'waam_adapt', 'waam_process'},
     'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
     'waam_lab': {
         'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_robot',

@@ -132,9 +132,9 @@ ROSDEP = {
     'scipy': 'python3-scipy', 'serial': 'python3-serial', 'shapely': 'python3-shapely',
     'trimesh': 'python3-trimesh-pip', 'yaml': 'python3-yaml', 'zstandard': 'python3-zstandard',
 }  # fmt: skip
-# without a key: `pip install -r requirements.txt` (and -robot, -train, -cluster), as docs/ros.md says
+# without a key: `pip install -r requirements.txt` (and -robot, -train), as docs/ros.md says
 PIP_ONLY = {
-    'apprise', 'coal', 'contourpy', 'duckdb', 'kiss_icp', 'mcap', 'pinocchio', 'pyarrow', 'ray', 'rerun',
+    'apprise', 'coal', 'contourpy', 'duckdb', 'mcap', 'pinocchio', 'pyarrow', 'rerun',
     'rerun_bindings', 'rerun_cli', 'rosbags', 'shtab', 'toppra', 'torch',
 }  # fmt: skip
 

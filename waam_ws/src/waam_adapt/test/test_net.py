@@ -35,6 +35,7 @@ def test_answers_of_the_network_name_its_hash_and_differ_from_the_bead_solver(la
     assert np.abs(result.psi - plain.psi).max() > 0.01
     assert np.abs(result.psi).max() <= 1
     assert (result.confidence <= plain.confidence + 1e-12).all()
+    assert result.confidence.max() < plain.confidence.max()
 
 
 def test_without_a_network_it_is_the_bead_solver():
@@ -66,6 +67,8 @@ def damaged(path, how):
         }
         del w['meta']
         net_file.save(path, w | other[how], {'seen': {}, 'weights': {}})
+    elif how == 'unlike':
+        weights_file(path, low=50.0, high=60.0)
     elif how == 'pickle':
         np.savez(path, meta=np.array([{'evil': 1}], dtype=object))
 
@@ -75,7 +78,7 @@ def damaged(path, how):
     [
         ('missing', 'no such model file'), ('no model', 'cannot be read'), ('truncated', 'cannot be read'),
         ('hash', 'hash is'), ('nan', 'head.bias is not a finite'), ('shape', 'enc2a has shape'),
-        ('pickle', 'cannot be read'),
+        ('pickle', 'cannot be read'), ('unlike', 'unlike'),
     ],
 )  # fmt: skip
 def test_without_a_sound_model_file_the_bead_solver_answers_and_says_so(tmp_path, how, word):

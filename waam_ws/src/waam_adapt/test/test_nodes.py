@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from adapt_graph import Graph
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import qos_profile_sensor_data
@@ -33,6 +32,7 @@ from waam_msgs.srv import ComputeCorrection, ComputeFeed
 from waam_node import qos
 from waam_node.conversions import floats, grid_to_msg, map_from_msg, paths_to_msg, time_to_msg
 from waam_node.params import markdown
+from waam_node.testing_graph import Graph
 from waam_process.grid import GridSpec
 from waam_process.learned import nothing, parse
 
@@ -51,7 +51,7 @@ def graph():
     g = Graph()
     for name in CONFIGS:
         config = f'{get_package_share_directory("waam_adapt")}/config/{name}.yaml'
-        g.start(name, '--params-file', config)
+        g.start('waam_adapt', name, '--params-file', config)
     yield g
     g.close()
 
@@ -424,9 +424,9 @@ def test_a_temperature_that_does_not_answer_to_a_layer_is_told(graph, jobs):
 def test_unknown_parameter_is_refused_by_name():
     g = Graph()
     try:
-        process = g.start('correction_server', '-p', 'gian:=0.5')
+        process = g.start('waam_adapt', 'correction_server', '-p', 'gian:=0.5')
         assert process.wait(120) == 2
-        assert "unknown parameter 'gian'; did you mean 'gain'" in process.stderr.read()
+        assert "unknown parameter 'gian'; did you mean 'gain'" in g.said()
     finally:
         g.close()
 

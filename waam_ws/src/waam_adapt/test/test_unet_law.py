@@ -96,15 +96,6 @@ def test_sums_over_the_passes_are_those_of_their_definition():
         assert sums[:, row, column] == pytest.approx(wanted, rel=1e-9, abs=1e-15)
 
 
-def test_answer_names_the_network_and_differs_from_the_bead_solver(law):
-    result, plain = law.correct(request()), make_law('bead_solver').correct(request())
-    assert not result.fallback
-    assert (result.law, result.model_hash) == ('unet', law.network.digest)
-    assert np.abs(result.psi - plain.psi).max() > 0.05
-    assert (result.confidence <= plain.confidence + 1e-12).all()
-    assert result.confidence.max() < plain.confidence.max()
-
-
 def test_no_more_is_acted_on_than_setpoints_can_make_least_of_all_in_thin_walls(tmp_path):
     law = make_law('unet', model=str(weights_file(tmp_path / 'g.npz', scale=30.0)))
     wide = request()
@@ -153,12 +144,6 @@ def test_the_network_sees_the_surface_its_uncertainty_and_what_the_job_has_shown
         )
     )
     assert not any(hole[n][:, :12].any() for n in (*features.BANDS, 'seen'))
-
-
-def test_same_input_same_bits(law):
-    one, two = law.correct(request()), law.correct(request())
-    assert one.psi.tobytes() == two.psi.tobytes()
-    assert one.residual_height.tobytes() == two.residual_height.tobytes()
 
 
 def test_a_prepared_layer_is_answered_alike_without_computing_its_geometry_again(tmp_path):
@@ -220,26 +205,6 @@ def test_less_is_laid_where_more_will_grow():
     place = np.s_[42:54, 30:42]
     assert (hump.psi - plain.psi)[place].mean() > 0.2  # faster: thinner
     assert hump.model_hash == 'abc'
-
-
-@pytest.mark.parametrize(('how', 'word'), [('missing', 'no such model'), ('unlike', 'unlike')])
-def test_without_the_network_the_bead_solver_answers_and_says_so(tmp_path, how, word):
-    path = tmp_path / 'g.npz'
-    if how == 'unlike':
-        weights_file(path, low=50.0, high=60.0)
-    result = make_law('unet', model=str(path)).correct(request())
-    assert result.fallback
-    assert word in result.reasons[0]
-    assert (result.psi == make_law('bead_solver').correct(request()).psi).all()
-    assert result.model_hash == ''
-
-
-def test_weights_of_the_other_network_are_refused(tmp_path):
-    path = tmp_path / 'other.npz'
-    net_file.save(path, random_weights(channels=15), card())
-    result = make_law('unet', model=str(path)).correct(request())
-    assert result.fallback
-    assert 'shape' in result.reasons[0]
 
 
 def lay(corrector: Corrector, layers: int, left, job: str = 'job', times: int = 1):

@@ -1,8 +1,7 @@
-"""Work spread over workers: kept results, lost workers, clusters that are not there."""
+"""Work spread over workers: kept results, lost workers."""
 
 from __future__ import annotations
 
-import builtins
 import os
 import signal
 import time
@@ -14,7 +13,6 @@ import pytest
 from waam_lab import LabResult, many, over_seeds, restore, run_many
 from waam_lab.pieces import Pieces
 from waam_node import spread as spreading
-from waam_node.ray_cluster import ClusterError
 
 TOLD = {'verdict': 'in tolerance', 'error_code': 0, 'message': ''}
 
@@ -126,16 +124,3 @@ def test_a_torn_piece_or_another_job_is_run_again(parts, tmp_path):
         assert pieces.read(job) is None, size
     pieces.clear()
     assert pieces.read(job) is None
-
-
-def test_without_ray_the_error_says_what_to_install(parts, monkeypatch):
-    real = builtins.__import__
-
-    def missing(name, *args, **options):
-        if name == 'ray':
-            raise ImportError(name)
-        return real(name, *args, **options)
-
-    monkeypatch.setattr(builtins, '__import__', missing)
-    with pytest.raises(ClusterError, match='requirements-cluster.txt'):
-        run_many([restore(*parts)], cluster='auto')

@@ -26,7 +26,6 @@ examples:
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
-  waam lab part.stl --as-found worn.stl --seeds 500 --cluster auto     on all machines of a Ray cluster
   waam lab fit jobs                                                    fit the cell to records (waam lab fit --help)
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.

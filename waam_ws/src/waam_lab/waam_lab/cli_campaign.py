@@ -155,7 +155,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     started = time.monotonic()
     with JobAdvance(len(seeds), job.goal.title) as advance:
         try:
-            results = run_many(over_seeds(job, seeds), workers, advance, args.cluster, pieces)
+            results = run_many(over_seeds(job, seeds), workers, advance, pieces)
         except KeyboardInterrupt:
             print(
                 f'{advance.done} of {len(seeds)} jobs are done; go on with --out {out}',
@@ -164,7 +164,7 @@ def run_campaign(args: argparse.Namespace) -> int:
             raise
     told = shlex.join(['waam', *sys.argv[1:]])
     wall = time.monotonic() - started
-    campaign = report.Campaign(job, results, wall, workers, told, args.cluster, notes=notes)
+    campaign = report.Campaign(job, results, wall, workers, told, notes=notes)
     page = report.write(out, campaign)
     pieces.clear()
     show(campaign, console)

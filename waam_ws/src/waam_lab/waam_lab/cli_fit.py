@@ -79,7 +79,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         type=Path,
         help='cell to begin with; what the records do not tell stays as it says',
     )
-    add_options(p, 'a job is laid by one of them')
+    add_options(p)
     p.set_defaults(run_command=run_fit)
 
 
@@ -138,7 +138,7 @@ def run_fit(args: argparse.Namespace) -> int:
         return _fit_recorded(args, recorded, base, scatter)
     records = read_all(args.jobs)
     out = args.out or _jobs_dir() / make_job_id('fit')
-    workers = Workers(args.workers, args.cluster, ('waam_lab.twin.solve',))
+    workers = Workers(args.workers, ('waam_lab.twin.solve',))
     software = software_revision()
     kept = Kept(args.out / 'pieces' if args.out else _unfinished(records, base, software))
     with _Bar(f'{len(records)} jobs') as bar:

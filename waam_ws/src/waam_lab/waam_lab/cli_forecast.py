@@ -135,7 +135,7 @@ def _within(
     from .laboratory import failed
     from .many import PRELOAD, attempt
 
-    crew = Workers(workers, '', PRELOAD)
+    crew = Workers(workers, PRELOAD)
     began, abreast, found = time.monotonic(), crew.for_pieces(len(jobs)), {}
     with (
         JobAdvance(len(jobs), title) as advance,

@@ -1,5 +1,4 @@
-"""Many jobs on all cores, or on a Ray cluster. Results come in the order of the jobs and are the same, whatever the
-number of workers and machines.
+"""Many jobs on all cores. Results come in the order of the jobs and are the same, whatever the number of workers.
 
 How they are spread: waam_node.spread.
 """
@@ -21,13 +20,11 @@ def run_many(
     jobs: Sequence[LabJob],
     workers: int = 0,
     done: Callable[[LabResult], None] | None = None,
-    cluster: str = '',
     pieces: Pieces | None = None,
 ) -> list[LabResult]:
     """One result per job. workers: 0 = one per core; done: called with every result as it comes.
 
-    cluster: address of a Ray cluster ('auto', HOST:PORT, ray://HOST:PORT) that does the work instead; ClusterError when
-    there is none. pieces: where results are kept as they come; jobs that it has are not run again.
+    pieces: where results are kept as they come; jobs that it has are not run again.
     A job that is refused or that a fault of this software ends gives a result with verdict 'failed'.
     """
     found: dict[int, LabResult] = {}
@@ -42,7 +39,7 @@ def run_many(
         if kept is not None:
             take(i, kept)
     waiting = {i: job for i, job in enumerate(jobs) if i not in found}
-    for i, result in spread(waiting, attempt, failed, Workers(workers, cluster, PRELOAD)):
+    for i, result in spread(waiting, attempt, failed, Workers(workers, PRELOAD)):
         if pieces and not result.failed:
             pieces.write(waiting[i], result)
         take(i, result)

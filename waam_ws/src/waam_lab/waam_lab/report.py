@@ -58,7 +58,6 @@ class Campaign:
     wall: float  # s that all of them took
     workers: int
     told: str = ''  # the command line, or ''
-    cluster: str = ''  # address of the cluster that did the work; '' = workers of this machine
     notes: tuple[str, ...] = ()  # what of the worn part's file was left out or assumed
 
     @property
@@ -80,7 +79,7 @@ class Campaign:
     @property
     def by(self) -> str:
         """Who did the work, in words."""
-        return f'on the cluster {self.cluster}' if self.cluster else f'with {self.workers} workers'
+        return f'with {self.workers} workers'
 
     @property
     def speed(self) -> float:
@@ -132,7 +131,6 @@ def facts(c: Campaign) -> dict[str, Any]:
         'speed': c.speed,
         'wall_s': c.wall,
         'workers': c.workers,
-        'cluster': c.cluster,
     }
 
 

@@ -3,7 +3,7 @@
     python3 -m waam_lab.training_data FOLDER --seeds 2000-2199
 
 Writes one job_<seed>.npz per seed (waam_train.samples); seeds that are there already are left out, so it can
-be stopped and taken up again. Other processes and machines may help (--workers, --cluster). A job takes 2 to 20 s.
+be stopped and taken up again. --workers: processes. A job takes 2 to 20 s.
 `waam train FOLDER` trains on them.
 """
 
@@ -99,13 +99,13 @@ def main(argv: list[str] | None = None) -> int:
         help='unet: for a further round, laid with the weights of the one before (default: bead_solver)',
     )
     p.add_argument('--model', default='', help='weights of law unet (default: the packaged ones)')
-    add_options(p, 'a seed is the work of one')
+    add_options(p)
     args = p.parse_args(argv)
     folder = args.folder.resolve()
     model = str(Path(args.model).resolve()) if args.model else ''
     left = {s: (folder, s, args.law, model) for s in parse_seeds(args.seeds)}
     left = {s: piece for s, piece in left.items() if not (folder / f'job_{s}.npz').exists()}
-    workers, failures = Workers(args.workers, args.cluster, PRELOAD), 0
+    workers, failures = Workers(args.workers, PRELOAD), 0
     with Advance(len(left), 'training data') as bar:
         try:
             for seed, made in spread(left, attempt, lost, workers):

@@ -25,7 +25,10 @@ GONE = {
     for name in (
         'heartbeat_period', 'tick_period', 'resend_timeout', 'resend_warning', 'wire_jog_speed', 'csv_rate',
         'sample_period', 'history', 'clock_period', 'metal_cell', 'arc_contact_min', 'scanner_range_near',
-        'scanner_range_far', 'part_moved_tilt', 'part_moved_step_x', 'gantry_y_',
+        'scanner_range_far', 'part_moved_tilt', 'part_moved_step_x', 'gantry_y_', 'max_waiting',
+        'spike_factor', 'max_coverage_loss', 'quiet_time', 'finish_timeout', 'metal_no_gas_loss',
+        'metal_overhang_share', 'metal_film_remelt', 'arc_strike_m', 'scanner_offset_', 'scanner_fan',
+        'scanner_points', 'scanner_rate', 'horizon', 'period', 'point_step',
     )
 }  # fmt: skip
 

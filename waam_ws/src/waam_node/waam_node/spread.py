@@ -1,7 +1,7 @@
-"""Work spread over processes of this machine, or over a Ray cluster. No ROS.
+"""Work spread over processes of this machine. No ROS.
 
-Pieces of work know nothing of one another, so results are the same, whatever the number of workers and machines. A
-worker that is lost costs its own piece, which is done again; the others go on.
+Pieces of work know nothing of one another, so results are the same, whatever the number of workers. A worker that is
+lost costs its own piece, which is done again; the others go on.
 """
 
 from __future__ import annotations
@@ -33,11 +33,10 @@ class WorkerLost(Exception):
 
 @dataclass(frozen=True)
 class Workers:
-    """Who does the work. count: processes, 0 = one per core. cluster: address of a Ray cluster ('auto', HOST:PORT,
-    ray://HOST:PORT) that does it instead. preload: modules that every process needs; they are loaded once."""
+    """Who does the work. count: processes, 0 = one per core. preload: modules that every process needs; they are loaded
+    once."""
 
     count: int = 0
-    cluster: str = ''
     preload: tuple[str, ...] = ()
 
     def for_pieces(self, pieces: int) -> int:
@@ -45,17 +44,10 @@ class Workers:
         return min(self.count or os.cpu_count() or 1, max(1, pieces))
 
 
-def add_options(p: argparse.ArgumentParser, what: str = '') -> None:
-    """--workers and --cluster of a command; `Workers(args.workers, args.cluster, ...)`. what: one of them does."""
-    text = f'processes; 0 = one per core (default){"; " if what else ""}{what}'
+def add_options(p: argparse.ArgumentParser) -> None:
+    """--workers of a command; `Workers(args.workers, ...)`."""
+    text = 'processes; 0 = one per core (default)'
     p.add_argument('--workers', type=int, default=0, metavar='N', help=text)
-    p.add_argument(
-        '--cluster',
-        default='',
-        metavar='ADDRESS',
-        help="an existing Ray cluster does the work: HOST:PORT, ray://HOST:PORT, or 'auto' for the one of this machine "
-        '(requirements-cluster.txt)',
-    )
 
 
 def spread(
@@ -64,17 +56,12 @@ def spread(
     lost: Callable[[Piece, Exception], Result],
     workers: Workers,
 ) -> Generator[tuple[Key, Result], None, None]:
-    """Results as they come, one per piece. ClusterError when there is no cluster at the address.
+    """Results as they come, one per piece.
 
     work: a function of a module, which catches what may end it. lost: the result of a piece whose worker was lost
     again and again. What is under way ends when the caller stops.
     """
     if not pieces:
-        return
-    if workers.cluster:
-        from .ray_cluster import results
-
-        yield from results(pieces, work, lost, workers.cluster, ONE_THREAD)
         return
     crew = _Crew(work, lost, workers.preload)
     with _one_thread_each(), ThreadPoolExecutor(workers.for_pieces(len(pieces))) as threads:

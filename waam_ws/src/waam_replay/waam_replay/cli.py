@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """examples:
   waam replay check jobs/latest                        is everything what it was, to the last bit?
   waam replay tune jobs/latest --set correction_server.k_gain=0.2
-  waam replay tune jobs/latest --set scan_fusion.spike_factor=6 --set correction_server.law=proportional
+  waam replay tune jobs/latest --set scan_fusion.height_max=0.4 --set correction_server.law=proportional
   waam replay tune jobs/latest --set job.heat_factor=0.95     what the job asked for can be changed too
   waam replay check jobs                               every record in a folder
   waam replay play jobs/latest --rate 4 --topics /telemetry /height_map

@@ -45,23 +45,6 @@ def test_pose_to_branches(waam):
     )
 
 
-def test_split_prints_table_2_2(waam, tmp_path):
-    file = tmp_path / 'points.txt'
-    file.write_text(
-        '100.358; -4.530; 0.003; 19.953; 0.956; -89.576\n99.804; 5.455; 0.003; 19.698; 3.380; -96.297\n'
-    )
-    status, out, _ = waam('split', file, '--speed', 20)
-    lines = out.splitlines()
-    assert status == 0
-    assert lines[1].startswith(
-        '100.358; -4.530; 0.003; 19.975; 0.000; 267.416; -19.975; 267.416; 0'
-    )
-    assert lines[2].startswith(
-        '99.804; 5.455; 0.003; 19.975; 0.000; 273.129; -19.975; 273.129; 1; 0.1248'
-    )
-    assert '0 of 1 moves by the robot alone; r_crit 6.03 mm' in lines[3]
-
-
 def test_the_machine_as_a_urdf(waam):
     status, out, _ = waam('urdf')
     assert status == 0 and check_urdf(out) == out and '<joint name="turn"' in out
@@ -72,20 +55,9 @@ def test_the_machine_as_a_urdf(waam):
     [
         (['fk', 1, 2, 3], 'fk: 3 numbers given; wanted six'),
         (['fk', 1, 2, 3, 4, 5, 'nan'], 'fk: a number that is not finite'),
-        (['split', 'missing.txt'], 'missing.txt'),
-        (['split', 'bad.txt'], 'bad.txt, line 1: 1 numbers'),
-        (['split', 'points.txt', '--delta0', '-1'], 'split: delta0 = -0.001: wanted a positive number'),
-        (['split', 'points.txt', '--speed', '20', '--turn-speed', '0'], '--turn-speed 0: wanted a positive'),
-        (['split', 'points.txt', '--speed', '0'], '--speed 0: wanted a positive'),
-        (['split', 'points.txt', '--speed', '20', '--r-crit', '9'], 'give one of them'),
-        (['split', 'bytes.bin'], 'bytes.bin: no text'),
     ],
 )  # fmt: skip
-def test_mistakes_are_one_line(waam, tmp_path, monkeypatch, words, said):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'bad.txt').write_text('100')
-    (tmp_path / 'points.txt').write_text('100; 0; 0; 0; 0; 0\n')
-    (tmp_path / 'bytes.bin').write_bytes(b'\xff\x00\xfe')
+def test_mistakes_are_one_line(waam, words, said):
     status, _, err = waam(*words)
     assert status == 2 and said in err and len(err.splitlines()) == 1
 
@@ -93,4 +65,4 @@ def test_mistakes_are_one_line(waam, tmp_path, monkeypatch, words, said):
 def test_help_teaches(waam, capsys):
     with pytest.raises(SystemExit):
         waam('--help')
-    assert 'points.txt' in capsys.readouterr().out
+    assert '--coupled' in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""waam robot: kinematics and motion split on the command line."""
+"""waam robot: kinematics of the arm on the command line."""
 
 from __future__ import annotations
 
@@ -19,21 +19,17 @@ examples:
   waam robot fk 0 0 0 0 0 0 --zero vertical --coupled     counted as the pendant does
   waam robot ik 1211.277 299.969 853.587 -90.8 -35.6 -28  a pose -> all branches, and which limits they break
   waam robot urdf -o cell.urdf                            arm and tilt-turn positioner for other programs
-  waam robot split points.txt -o split.txt --speed 20     a path divided between robot and positioner
-
-points.txt has one point per line: X; Y; Z (mm); W; P; R (deg) of the tool on the part.
 
 The arm is the M-20iB/25 of source 003. No robot is moved by any of this.
 """
-MAX_LINES = 1_000_000
 
 
 def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Adds the verb to argparse sub-parsers."""
     p = commands.add_parser(
         'robot',
-        help='kinematics of a robot arm; a path divided between robot and positioner',
-        description='Forward and inverse kinematics of a six-axis arm, and the motion split with a positioner.',
+        help='kinematics of a robot arm',
+        description='Forward and inverse kinematics of a six-axis arm; it with its positioner as a URDF.',
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -54,31 +50,10 @@ def register(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
             '--coupled', action='store_true', help='J3 is the forearm against the base (pendant)'
         )
         _finish(p, verb)
-    _register_split(verbs)
     _finish(
         verbs.add_parser('urdf', help='write the arm with a tilt-turn positioner as a URDF'),
         write_urdf_verb,
     )
-
-
-def _register_split(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    text = 'divide a path between robot and positioner'
-    p = verbs.add_parser('split', help=text, description=text)
-    p.add_argument('points', type=Path, metavar='FILE', help='X; Y; Z; W; P; R per line')
-    p.add_argument(
-        '--delta0', type=float, default=0.2, metavar='MM', help='arc off its chord, default 0.2 mm'
-    )
-    p.add_argument(
-        '--delta1', type=float, default=0.02, help='relative change of the radius, default 0.02'
-    )
-    p.add_argument(
-        '--r-crit', type=float, metavar='MM', help='nearer to the axis the robot is alone; 10 mm'
-    )
-    p.add_argument(
-        '--speed', type=float, metavar='MM/S', help='r-crit from travel speed over --turn-speed'
-    )
-    p.add_argument('--turn-speed', type=float, default=190.0, metavar='DEG/S', help='default 190')
-    _finish(p, split_verb)
 
 
 def _finish(p: argparse.ArgumentParser, verb: Callable[[argparse.Namespace], str]) -> None:
@@ -157,42 +132,6 @@ def inverse_verb(args: argparse.Namespace) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def split_verb(args: argparse.Namespace) -> str:
-    """X; Y; Z; W; P; R; B; C; turns; delta0; delta1 per point, as the source's table 2.2 (W = -B, P = 0, R = C)."""
-    import numpy as np
-
-    from . import split
-    from .frames import pose_from_wpr
-
-    numbers = _points(args.points)
-    if args.speed is not None and args.r_crit is not None:
-        raise ValueError('--speed computes r-crit: give one of them')
-    r_crit = 10e-3 if args.r_crit is None else args.r_crit * 1e-3
-    if args.speed is not None:
-        for name, value in (('speed', args.speed), ('turn-speed', args.turn_speed)):
-            if not value > 0:
-                raise ValueError(f'--{name} {value:g}: wanted a positive number')
-        r_crit = split.critical_radius(args.speed * 1e-3, float(np.radians(args.turn_speed)))
-    limits = split.SplitLimits(args.delta0 * 1e-3, args.delta1, r_crit)
-    found = split.split(
-        pose_from_wpr(numbers[:, :3] * 1e-3, np.radians(numbers[:, 3:])), limits=limits
-    )
-    place, angles = found.program
-    lines = ['# X; Y; Z mm; W; P; R; B; C deg; positioner turns; delta0 mm; delta1']
-    for n in range(len(place)):
-        values = [*(place[n] * 1e3), *np.degrees(angles[n]), *np.degrees([found.b[n], found.c[n]])]
-        said = '; '.join(f'{v + 0.0:.3f}' for v in values)
-        turns = int(found.turns[n])
-        lines.append(f'{said}; {turns}; {found.delta0[n] * 1e3:.4f}; {found.delta1[n]:.6f}')
-    alone = int((~found.turns[1:]).sum())
-    lines.append(
-        f'# {alone} of {len(place) - 1} moves by the robot alone; r_crit {r_crit * 1e3:.2f} mm'
-    )
-    lean = np.degrees(found.leaning.max())
-    lines.append(f'# the upright torch leans {lean:.2f} deg off the given one at most')
-    return '\n'.join(lines) + '\n'
-
-
 # ---- arguments ---------------------------------------------------------------------------------
 
 
@@ -210,37 +149,6 @@ def _counting(args: argparse.Namespace) -> Counting:
     from .joints import Counting
 
     return Counting(args.zero, args.coupled)
-
-
-def _points(file: Path) -> np.ndarray:
-    """(N, 6) of lines with six numbers between semicolons; empty lines and those that begin with # are passed over.
-    ValueError names file and line."""
-    import numpy as np
-
-    try:
-        lines = file.read_text(encoding='utf-8').splitlines()
-    except UnicodeDecodeError:
-        raise ValueError(f'{file}: no text') from None
-    if len(lines) > MAX_LINES:
-        raise ValueError(f'{file}: {len(lines)} lines; at most {MAX_LINES}')
-    rows = []
-    for number, line in enumerate(lines, 1):
-        if not line.strip() or line.lstrip()[0] == '#':
-            continue
-        cells = [c.strip() for c in line.rstrip().rstrip('.;').split(';')]
-        said = f'{file}, line {number}: '
-        if len(cells) != 6:
-            wanted = 'X; Y; Z (mm); W; P; R (deg)'
-            raise ValueError(f'{said}{len(cells)} numbers between ";", wanted {wanted}')
-        try:
-            rows.append([float(c) for c in cells])
-        except ValueError:
-            raise ValueError(f'{said}"{line.strip()[:40]}" holds no number') from None
-        if not np.isfinite(rows[-1]).all():
-            raise ValueError(f'{said}a number that is not finite')
-    if not rows:
-        raise ValueError(f'{file}: no line with numbers')
-    return np.array(rows)
 
 
 def _pose_text(name: str, pose: np.ndarray) -> str:

@@ -29,7 +29,6 @@ def test_the_readme_has_the_parameter_table():
     [
         ({'joint_names': ('a', 'b')}, "'joint_names' has 2 values, needs 8"),
         ({'origin': (0.0,)}, "'origin' has 1 values, needs 3"),
-        ({'period': 0.5}, "'period' is 0.5, must be below 'horizon'"),
         ({'joint_speed_max': (1.0,) * 7 + (0.0,)}, "'joint_speed_max'"),
         ({'joint_jerk_max': (1.0,) * 7 + (0.0,)}, "'joint_jerk_max'"),
         ({'joint_names': ('a',) * 8}, "'joint_names'"),

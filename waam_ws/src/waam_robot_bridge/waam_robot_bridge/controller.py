@@ -26,6 +26,9 @@ from .weld import Delayed
 
 APART = 5e-6  # m: the core does something else than the goal shows
 KEPT = 1000  # ms of commanded positions that are kept
+HORIZON = 0.3  # s of a goal, then it slows down: three goals may get lost
+PERIOD_MS = 100  # between goals while the torch moves; shorter than HORIZON
+POINT_MS = 10  # between the points of a goal
 
 
 @dataclass(frozen=True)
@@ -73,9 +76,8 @@ class RobotController:
         self.now_us = start_us
         self._core = Controller(start_us, boot)
         self._core.widen(params.work_low, params.work_high)
-        self._every = round(params.point_step * 1e3)
-        self._delay = self._every * round(params.delay * 1e3 / self._every)
-        self._preview = Preview(params.horizon, self._every)
+        self._delay = POINT_MS * round(params.delay * 1e3 / POINT_MS)
+        self._preview = Preview(HORIZON, POINT_MS)
         self._weld: Delayed | None = None
         self._tips = np.zeros((0, 3))  # (KEPT, 3) of every ms until now
         self._ahead = np.zeros((0, 3))  # of every ms since the last goal
@@ -142,7 +144,7 @@ class RobotController:
         shown = np.concatenate([shown, np.tile(rest, (len(tips) - len(shown), 1))])
         if np.abs(shown - tips).max() > APART:
             return True
-        if self._since < self.params.period * 1e3:
+        if self._since < PERIOD_MS:
             return False
         return bool(np.abs(self._ahead[self._since :] - tips[-1]).max(initial=0.0) > 0) or bool(
             self._core.look().queued
@@ -160,7 +162,7 @@ class RobotController:
         running = self._preview.running if self._core.look().state == frames.RUN else 0
         try:
             goal = make(
-                self.station, past, ahead, self._every, self.now_us, state.joints, self._limits, params.servo_lag,
+                self.station, past, ahead, POINT_MS, self.now_us, state.joints, self._limits, params.servo_lag,
                 running,
             )  # fmt: skip
         except GoalError as e:

@@ -72,9 +72,6 @@ class RobotParams(CommonParams):
         'greatest jerk of each: the lower, the longer the path of the torch is averaged',
         'rad/s^3',
     )
-    horizon: float = param(0.3, 'of a goal, then it slows down', 's', 0.1, 2.0)
-    period: float = param(0.1, 'between goals while the torch moves', 's', 0.02, 1.0)
-    point_step: float = param(0.01, 'between the points of a goal', 's', 0.002, 0.1)
     delay: float = param(
         0.04, 'between command and goal: longer than a goal takes to the driver', 's', 0.0, 0.5
     )
@@ -139,11 +136,6 @@ class RobotParams(CommonParams):
         for name in LIMITS:
             if not all(v > 0 for v in getattr(self, name)):
                 raise ParameterError(f"parameter '{name}' has a value that is not above 0")
-        if self.period >= self.horizon:
-            text = (
-                f"parameter 'period' is {self.period:g}, must be below 'horizon' {self.horizon:g}"
-            )
-            raise ParameterError(text)
 
     def _check_order(self) -> None:
         """ParameterError where a name of the arm stands in another's place: the robot would turn the wrong axis."""

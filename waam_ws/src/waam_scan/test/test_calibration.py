@@ -49,7 +49,7 @@ def scans(world, seed, lines=None, **options):
     return passes, offset, sim.quaternion_matrix(rpy), delay
 
 
-@pytest.mark.parametrize('make, seed', [(block, 0), (block, 1), (block, 2), (balls, 3), (balls, 4)])
+@pytest.mark.parametrize('make, seed', [(block, 0), (block, 1), (balls, 3)])
 def test_an_unknown_pose_and_time_offset_are_recovered(make, seed):
     world, artefact = make()
     passes, offset, rotation, delay = scans(world, seed)

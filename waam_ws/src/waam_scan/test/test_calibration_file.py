@@ -1,6 +1,5 @@
 """The command, the file that it writes, and that nobody can change it unnoticed."""
 
-import argparse
 from datetime import UTC, datetime
 
 import calibration_sim as sim
@@ -9,8 +8,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from scan_cli import run
 
-from waam_scan import cli
 from waam_scan.calibration.file import CalibrationFileError, load_calibration, rpy_of
 from waam_scan.calibration.pass_file import load_pass, save_pass
 from waam_scan.calibration.scan_pass import Pass, ScanError, gather
@@ -26,13 +25,6 @@ position_mm: [100, 60, 0]
 position_sigma_mm: 0.005
 """
 OFFSET, RPY, DELAY = np.array([0.062, -0.003, 0.118]), np.radians([1.0, -0.5, 91.5]), 0.012
-
-
-def run(*words):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    args = parser.parse_args(['scan', *(str(w) for w in words)])
-    return args.run_command(args)
 
 
 @pytest.fixture(scope='module')

@@ -1,14 +1,13 @@
 """Missing metal between nominal and scan: the figures, the files, and that the planner can read them."""
 
-import argparse
 import json
 
 import numpy as np
 import pytest
+from scan_cli import run
 
 from waam_node.stl import write_stl
 from waam_process.grid import GridSpec, HeightGrid
-from waam_scan import cli
 from waam_scan.commands.compare_report import planner_frame
 from waam_scan.map_file import load_map
 from waam_scan.registration.clouds import is_mesh, load_points, load_triangles
@@ -71,13 +70,6 @@ def worn_cloud(rng, step=0.2e-3, noise=20e-6):
     pocket = (x > x0) & (x < x1) & (y > y0) & (y < y1)
     z = top(x, y) - deep * pocket + noise * rng.standard_normal(len(x))
     return np.column_stack([x, y, z])
-
-
-def run(*words):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    args = parser.parse_args(['scan', *(str(w) for w in words)])
-    return args.run_command(args)
 
 
 def test_top_heights_are_those_of_the_mesh():
@@ -229,7 +221,6 @@ def test_planner_frame_puts_the_corner_of_the_part_at_zero():
         (('compare', 'nominal.stl', 'worn.npy', '--cell', '0'), '--cell'),
         (('compare', 'nominal.stl', 'worn.npy', '--search'), '--register'),
         (('compare', 'nominal.stl', 'nominal.stl'), 'not a cloud'),
-        (('register', 'worn.npy'), 'SCAN and REFERENCE'),
         (('register', 'worn.npy', 'bad.npy'), 'bad.npy'),
         (('register', 'worn.npy', 'bad.ply'), 'bad.ply'),
     ],
@@ -252,7 +243,7 @@ def test_upright_walls_seen_from_above_do_not_show_where_a_part_slid(tmp_path, c
     """No point lies on them: the plate stays where it is in its plane, and the report says so."""
     write_stl(tmp_path / 'plate.stl', box_triangles([0, 0, 0], [60, 40, 10]), 'plate')
     rng = np.random.default_rng(5)
-    x, y = rng.uniform(0, 0.06, 30_000), rng.uniform(0, 0.04, 30_000)
+    x, y = rng.uniform(0, 0.06, 8_000), rng.uniform(0, 0.04, 8_000)
     z = 0.0103 + 20e-6 * rng.standard_normal(len(x))
     np.save(tmp_path / 'plate.npy', np.column_stack([x + 0.4e-3, y, z]) * 1e3)
     words = ('register', tmp_path / 'plate.npy', tmp_path / 'plate.stl', '--out', tmp_path)

@@ -31,7 +31,7 @@ def test_defaults_agree_with_the_core():
 
 @pytest.mark.parametrize(
     'values, word',
-    [({'max_growth': 0.0}, 'max_growth'), ({'threads': 0}, 'threads'), ({'nois': 0.1}, 'noise')],
+    [({'max_growth': 0.0}, 'max_growth'), ({'threads': 0}, 'threads'), ({'thread': 3}, 'threads')],
 )
 def test_bad_parameters_are_refused_by_name(values, word):
     with pytest.raises(ParameterError, match=word):

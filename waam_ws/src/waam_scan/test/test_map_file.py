@@ -1,12 +1,10 @@
 """Map files, and what is left out of several files."""
 
-import argparse
-
 import numpy as np
 import pytest
+from scan_cli import run
 
 from waam_process.grid import GridSpec
-from waam_scan import cli
 from waam_scan.left_out import LeftOut, NothingLeft
 from waam_scan.map_file import FileError, load_map, save_map
 
@@ -49,13 +47,6 @@ def test_info_names_a_bad_file_and_goes_on(tmp_path, capsys):
     good, bad = tmp_path / 'good.npy', tmp_path / 'bad.csv'
     np.save(good, np.random.default_rng(0).uniform(size=(500, 3)))
     bad.write_text('dust')
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-
-    def run(*words):
-        args = parser.parse_args(['scan', *map(str, words)])
-        return args.run_command(args)
-
     assert run('info', bad, good) == 0
     said = capsys.readouterr()
     assert 'cloud of 500 points' in said.out and f'left out: {bad}' in said.err

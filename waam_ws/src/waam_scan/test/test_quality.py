@@ -1,7 +1,6 @@
 import numpy as np
 
 from waam_process.grid import GridSpec
-from waam_scan.fusion.fill import fill_holes
 from waam_scan.fusion.height_map import Fusion
 from waam_scan.fusion.quality import assess, enclosed, steep_cells
 from waam_scan.transform import Mounting
@@ -31,33 +30,6 @@ def test_steep_cells_are_those_beside_a_wall():
     steep = steep_cells(z, CELL)
     assert steep[:, 19:21].all() and steep.sum() == 2 * 30
     assert not steep_cells(plane(), CELL).any()
-
-
-def test_filling_restores_a_plane_keeps_the_rest_and_marks_what_it_did():
-    z = plane()
-    z[10:14, 10:15] = np.nan  # 5 mm²
-    z[20, 20] = np.nan
-    z[0:5, 30:] = np.nan  # at the border
-    z[22:29, 2:30] = np.nan  # large
-    z[25, 9] = 2e-3
-    before = z.copy()
-    filled, mask = fill_holes(z, CELL, 6e-6)
-    assert mask.sum() == 4 * 5 + 1
-    assert np.abs(filled - plane())[mask].max() < 2e-6
-    np.testing.assert_array_equal(filled[~mask], before[~mask])
-    np.testing.assert_array_equal(z, before)
-    assert not fill_holes(z, CELL, 0.0)[1].any()
-
-
-def test_filling_stays_between_the_heights_of_the_rim():
-    rng = np.random.default_rng(0)
-    z = rng.normal(0, 1e-3, (25, 25))
-    z[8:15, 9:16] = np.nan
-    filled, mask = fill_holes(z, CELL, 1e-3)
-    rim = z[7:16, 8:17]
-    assert (
-        np.nanmin(rim) - 1e-9 <= filled[mask].min() and filled[mask].max() <= np.nanmax(rim) + 1e-9
-    )
 
 
 def scanned(surface, seen):

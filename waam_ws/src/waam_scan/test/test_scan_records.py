@@ -1,18 +1,17 @@
 """`waam scan fuse` and `calibrate` on recorded jobs: what the recorder writes becomes maps and a calibration."""
 
-import argparse
 import json
 from array import array
 
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from scan_cli import run
 
 from waam_msgs.msg import ProfileBatch, Telemetry
 from waam_node.conversions import floats
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
-from waam_scan import cli
 from waam_scan.calibration.scan_pass import Pass
 from waam_scan.map_file import FileError, load_map
 from waam_scan.scan_records import passes, recorded_mounting
@@ -88,13 +87,6 @@ def layer(k, tilt=0.1, points=60):
         began + np.round(when * 1e9).astype(np.int64), x, z,
         began + np.round(t * 1e9).astype(np.int64), poses,
     )  # fmt: skip
-
-
-def run(*words):
-    parser = argparse.ArgumentParser()
-    cli.register(parser.add_subparsers())
-    args = parser.parse_args(['scan', *map(str, words)])
-    return args.run_command(args)
 
 
 def test_every_scan_of_a_job_gives_a_map_with_the_mounting_of_the_job(tmp_path, capsys):

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from waam_process.cli_options import Verbs, add_verb
+
 FUSE_EPILOG = """\
 PATH is a recorded job, a pass of a scanner with poses, or a cloud.
 
@@ -27,14 +29,13 @@ NAME.png and with --ply the surface for other tools.
 examples:
   waam scan fuse jobs/latest --cell 0.5
   waam scan fuse pass_1.npz pass_2.npz --calibration calibration.yaml --cell 0.25
-  waam scan fuse wall.pcd --cell 0.5 --fill 2
+  waam scan fuse wall.pcd --cell 0.5
 
 What is bad is left out by name and the rest goes on: a profile of one point, a scan without returns, telemetry or
 motion. Each is said with file, profile (counted from 0) and reason, with the count at the end. Only when nothing is
 left it fails.
 
-A cell smaller than the way between two profiles leaves gaps: nothing is filled in unless --fill says up to which
-area; what was filled is then marked in the map (array "filled", count 0, no sigma) and hatched in the picture.
+A cell smaller than the way between two profiles leaves gaps: nothing is filled in.
 """
 PICTURE_EPILOG = """\
 examples:
@@ -76,13 +77,10 @@ Finds the rigid motion that brings SCAN onto the reference: an earlier scan (dri
 (placement of the part). Metal that was added or is missing is not taken for motion. What a flat or round surface
 cannot show (sliding on a plane, turning about the axis of a shaft) is left unmoved and named.
 SCAN: PLY, PCD or NPY cloud (--scale: m per unit, default 0.001 = mm) or a map (.npz, in m).
-With three or more clouds, or --sequence: a scanner whose poses are missing (hand-held, carried by a robot); every cloud
-is placed against the map of those before (KISS-ICP, then refined), a trajectory and one cloud are written.
 
 examples:
   waam scan register scan_004.npz scan_003.npz                   drift since the last layer, new metal allowed
   waam scan register found.ply roller.stl --search --change wear placed anywhere on the table, worn
-  waam scan register frame_*.ply --out track
 Writes registration.json (transform, uncertainty, what is unobserved), registration.png and, with --moved, the cloud.
 """
 COMPARE_EPILOG = """\
@@ -95,94 +93,72 @@ examples:
 Writes missing.npz (z = missing metal, nominal, found; m), as_found.npz (the worn surface in the planner's frame),
 missing.png and missing.json (volume with uncertainty, bounding box, deepest place, regions, share not seen).
 """
-CHANGE = {  # of register and compare; the default of --change differs
-    '--scale': {'type': float, 'default': 1e-3, 'help': 'm per unit of clouds and meshes, default 0.001'},
-    '--reach': {'type': float, 'default': 3.0, 'metavar': 'MM', 'help': 'largest motion to look for (default 3)'},
-    '--seed': {'type': int, 'default': 0, 'help': 'of the choice of points (default 0)'},
-}  # fmt: skip
+CHANGES = {'choices': ('growth', 'wear', 'any')}
 HOW = 'how SCAN may differ besides the motion: metal was added, is missing, or either'
+MOTION = (  # of register and compare
+    ('--scale', 1e-3, 'm per unit of clouds and meshes, default 0.001'),
+    ('--reach', 3.0, 'largest motion to look for (default 3)', 'MM'),
+    ('--seed', 0, 'of the choice of points (default 0)'),
+)
 
 
-def register(commands: argparse._SubParsersAction) -> None:
+def register(commands: Verbs) -> None:
     """Adds the verb `scan` to the sub-parsers of the waam command."""
     scan = commands.add_parser('scan', help='height maps from laser profiles, and pictures of them')
     verbs = scan.add_subparsers(dest='verb', metavar='VERB', required=True)
-    for name, (run, text, epilog, options) in _verbs().items():
-        verb = verbs.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=epilog,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        for option, settings in options.items():
-            verb.add_argument(option, **settings)
-        verb.set_defaults(run_command=lambda args, run=run: _guarded(run, args))
 
+    def add(name: str, run: Callable[..., None], text: str, epilog: str, *rows: Any) -> None:
+        verb = add_verb(verbs, name, text, *rows, epilog=epilog)
+        verb.set_defaults(run_command=lambda args: _guarded(run, args))
 
-def _verbs() -> dict[str, tuple[Callable[[argparse.Namespace], None], str, str, dict[str, Any]]]:
-    """Name -> what it does, one line of help, its page, its options."""
-    return {
-        'fuse': (fuse, 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG, {
-            'paths': {'nargs': '+', 'type': Path, 'metavar': 'PATH', 'help': 'recorded job, passes, clouds'},
-            '--out': {'type': Path, 'metavar': 'DIR',
-                      'help': 'where to write (default: maps/<name of the recording>, maps for files)'},
-            '--cell': {'type': _cell_mm, 'default': 1.0, 'metavar': 'MM', 'help': 'edge of a cell in mm (default 1.0)'},
-            '--ply': {'action': 'store_true', 'help': 'also write the surface as PLY mesh (mm)'},
-            '--calibration': {'type': Path, 'metavar': 'FILE', 'help': 'where the scanner sits'},
-            '--mount': {'nargs': 6, 'type': float, 'metavar': ('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'),
-                        'help': 'the same in mm and degrees (default 60 0 120 0 0 90; of a recorded job what it used)'},
-            '--scale': {'type': float, 'default': 1e-3, 'metavar': 'M',
-                        'help': 'm per unit of clouds (default 0.001: mm)'},
-            '--fill': {'type': float, 'default': 0.0, 'metavar': 'MM2',
-                       'help': 'fill holes up to this area in mm² (default 0: none)'},
-        }),
-        'picture': (picture, 'a map file as PNG picture or PLY surface', PICTURE_EPILOG, {
-            'map': {'type': Path, 'help': 'NPZ file of a map'},
-            '--png': {'type': Path, 'help': 'picture to write (default: beside the map)'},
-            '--ply': {'type': Path, 'help': 'PLY mesh to write (mm)'},
-            '--range': {'nargs': 2, 'type': float, 'metavar': ('LOW', 'HIGH'), 'help': 'colour range in mm'},
-        }),
-        'info': (info, 'what a map, a pass or a cloud holds', INFO_EPILOG, {
-            'files': {'nargs': '+', 'type': Path, 'metavar': 'FILE'},
-        }),
-        'calibrate': (calibrate, 'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG, {
-            'artefact': {'type': Path, 'metavar': 'ARTEFACT', 'help': 'YAML file of the artefact'},
-            'scans': {'type': Path, 'nargs': '+', 'metavar': 'SCAN', 'help': 'recording or NPZ file of one pass'},
-            '--out': {'type': Path, 'default': Path('calibration.yaml'), 'help': 'default calibration.yaml'},
-            '--start-xyz': {'nargs': 3, 'type': float, 'default': (60.0, 0.0, 120.0), 'metavar': 'MM',
-                            'help': 'scanner origin from the wire tip, roughly (default 60 0 120)'},
-            '--start-rpy': {'nargs': 3, 'type': float, 'default': (0.0, 0.0, 90.0), 'metavar': 'DEG',
-                            'help': 'its roll, pitch, yaw, roughly (default 0 0 90)'},
-            '--start-delay': {'type': float, 'default': 0.0, 'metavar': 'MS',
-                              'help': 'added to profile stamps, roughly (default 0)'},
-            '--accept-unobserved': {'action': 'store_true',
-                                    'help': 'keep the start value where the scans show nothing, instead of refusing'},
-        }),
-        'register': (align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG, {
-            'clouds': {'type': Path, 'nargs': '+', 'metavar': 'SCAN', 'help': 'SCAN REFERENCE, or frames'},
-            '--change': {'choices': ('growth', 'wear', 'any'), 'default': 'growth', 'help': f'{HOW} (default growth)'},
-            **CHANGE,
-            '--search': {'action': 'store_true', 'help': 'the part may lie anywhere, turned about z by any angle'},
-            '--sequence': {'action': 'store_true', 'help': 'frames without poses: odometry'},
-            '--voxel': {'type': float, 'default': 0.5, 'metavar': 'MM', 'help': 'of the odometry (default 0.5)'},
-            '--out': {'type': Path, 'default': Path('registration'), 'help': 'folder for the results'},
-            '--moved': {'action': 'store_true', 'help': 'also write the moved cloud as PLY (mm)'},
-        }),
-        'compare': (compare, 'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG, {
-            'nominal': {'type': Path, 'metavar': 'NOMINAL', 'help': 'mesh: STL, PLY, OBJ or OFF'},
-            'scan': {'type': Path, 'metavar': 'SCAN', 'help': 'cloud or map'},
-            '--allowance': {'type': float, 'default': 0.0, 'metavar': 'MM',
-                            'help': 'machining allowance on top of nominal (default 0)'},
-            '--cell': {'type': float, 'default': 0.5, 'metavar': 'MM', 'help': 'edge of a cell (default 0.5)'},
-            '--register': {'action': 'store_true', 'help': 'align the scan first'},
-            '--search': {'action': 'store_true',
-                         'help': 'with --register: the part may lie anywhere on the table'},
-            '--change': {'choices': ('growth', 'wear', 'any'), 'default': 'wear', 'help': f'{HOW} (default wear)'},
-            **CHANGE,
-            '--out': {'type': Path, 'default': Path('compare'), 'help': 'folder for the results'},
-        }),
-    }  # fmt: skip
+    add(
+        'fuse', fuse, 'recorded jobs, profiles with poses, or clouds -> height maps', FUSE_EPILOG,
+        ('paths', Path, 'recorded job, passes, clouds', 'PATH', {'nargs': '+'}),
+        ('--out', Path, 'where to write (default: maps/<name of the recording>, maps for files)', 'DIR'),
+        ('--cell', 1.0, 'edge of a cell in mm (default 1.0)', 'MM', {'type': _cell_mm}),
+        ('--ply', False, 'also write the surface as PLY mesh (mm)'),
+        ('--calibration', Path, 'where the scanner sits', 'FILE'),
+        ('--mount', float, 'the same in mm and degrees (default 60 0 120 0 0 90; of a recorded job what it used)',
+         ('X', 'Y', 'Z', 'ROLL', 'PITCH', 'YAW'), {'nargs': 6}),
+        ('--scale', 1e-3, 'm per unit of clouds (default 0.001: mm)', 'M'),
+    )  # fmt: skip
+    add(
+        'picture', picture, 'a map file as PNG picture or PLY surface', PICTURE_EPILOG,
+        ('map', Path, 'NPZ file of a map'), ('--png', Path, 'picture to write (default: beside the map)'),
+        ('--ply', Path, 'PLY mesh to write (mm)'),
+        ('--range', float, 'colour range in mm', ('LOW', 'HIGH'), {'nargs': 2}),
+    )  # fmt: skip
+    add(
+        'info', info, 'what a map, a pass or a cloud holds', INFO_EPILOG,
+        ('files', Path, '', 'FILE', {'nargs': '+'}),
+    )  # fmt: skip
+    add(
+        'calibrate', calibrate, 'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG,
+        ('artefact', Path, 'YAML file of the artefact', 'ARTEFACT'),
+        ('scans', Path, 'recording or NPZ file of one pass', 'SCAN', {'nargs': '+'}),
+        ('--out', Path('calibration.yaml'), 'default calibration.yaml', None, {'type': Path}),
+        ('--start-xyz', (60.0, 0.0, 120.0), 'scanner origin from the wire tip, roughly (default 60 0 120)', 'MM'),
+        ('--start-rpy', (0.0, 0.0, 90.0), 'its roll, pitch, yaw, roughly (default 0 0 90)', 'DEG'),
+        ('--start-delay', 0.0, 'added to profile stamps, roughly (default 0)', 'MS'),
+        ('--accept-unobserved', False, 'keep the start value where the scans show nothing, instead of refusing'),
+    )  # fmt: skip
+    add(
+        'register', align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
+        ('scan', Path, 'cloud or map', 'SCAN'), ('reference', Path, 'cloud, map or mesh', 'REFERENCE'),
+        ('--change', 'growth', f'{HOW} (default growth)', None, CHANGES), *MOTION,
+        ('--search', False, 'the part may lie anywhere, turned about z by any angle'),
+        ('--out', Path('registration'), 'folder for the results', None, {'type': Path}),
+        ('--moved', False, 'also write the moved cloud as PLY (mm)'),
+    )  # fmt: skip
+    add(
+        'compare', compare, 'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG,
+        ('nominal', Path, 'mesh: STL, PLY, OBJ or OFF', 'NOMINAL'), ('scan', Path, 'cloud or map', 'SCAN'),
+        ('--allowance', 0.0, 'machining allowance on top of nominal (default 0)', 'MM'),
+        ('--cell', 0.5, 'edge of a cell (default 0.5)', 'MM'), ('--register', False, 'align the scan first'),
+        ('--search', False, 'with --register: the part may lie anywhere on the table'),
+        ('--change', 'wear', f'{HOW} (default wear)', None, CHANGES), *MOTION,
+        ('--out', Path('compare'), 'folder for the results', None, {'type': Path}),
+    )  # fmt: skip
 
 
 def _cell_mm(text: str) -> float:
@@ -243,9 +219,7 @@ def _fuse_options(args: argparse.Namespace) -> argparse.Namespace:
     if args.mount:
         rpy = tuple(math.radians(a) for a in args.mount[3:])
         mounting = Mounting.from_rpy(tuple(v * 1e-3 for v in args.mount[:3]), rpy)
-    return argparse.Namespace(
-        scale=args.scale, mounting=mounting, fill=args.fill * 1e-6, ply=args.ply
-    )
+    return argparse.Namespace(scale=args.scale, mounting=mounting, ply=args.ply)
 
 
 def picture(args: argparse.Namespace) -> None:
@@ -288,7 +262,7 @@ def calibrate(args: argparse.Namespace) -> None:
 
 
 def align(args: argparse.Namespace) -> None:
-    """Registration or odometry."""
+    """Registration."""
     from .commands.registration_report import register_files
 
     register_files(args)

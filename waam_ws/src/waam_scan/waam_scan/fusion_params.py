@@ -40,21 +40,11 @@ class FusionParams:
     points_topic: str = param('points', 'of a driver that publishes PointCloud2')
     scan_topic: str = param('scan', 'of a driver that publishes LaserScan')
     scanner_frame: str = param('scanner', 'frame_id of points and scan; others are refused')
-    max_waiting: int = param(2000, 'profiles that may wait for telemetry', '', 10, 1_000_000)
     height_min: float = param(-0.05, 'points below are outside (work frame)', 'm', -1.0, 1.0)
     height_max: float = param(0.30, 'points above are outside (work frame)', 'm', -1.0, 2.0)
-    noise: float = param(
-        50e-6, 'scatter of the scanner while the data cannot tell', 'm', 1e-7, 1e-2
-    )
-    spike_factor: float = param(
-        4.0, 'points further from their cell than this many robust sigmas are spikes', '', 2.0, 20.0
-    )
     threads: int = param(2, 'threads for large batches and for the map', '', 1, 64)
     min_coverage: float = param(
         0.5, 'plausible maps know at least this share of the grid', '', 0.0, 1.0
-    )
-    max_coverage_loss: float = param(
-        0.4, 'largest loss of coverage against the previous map', '', 0.0, 1.0
     )
     max_growth: float = param(6e-3, 'largest possible growth per layer', 'm', 1e-4, 0.1)
     scanner_wait: float = param(
@@ -63,12 +53,6 @@ class FusionParams:
         's',
         0.05,
         60.0,
-    )
-    quiet_time: float = param(
-        1.0, 'a finishing scan ends after this long without news (steady)', 's', 0.05, 60.0
-    )
-    finish_timeout: float = param(
-        30.0, 'a finishing scan gives up after this long (steady)', 's', 0.1, 600.0
     )
 
     @property
@@ -86,11 +70,9 @@ class FusionParams:
     @property
     def fusion(self) -> FusionLimits:
         """What the estimator of cells needs of them."""
-        return FusionLimits(self.height_min, self.height_max, self.noise, self.spike_factor)
+        return FusionLimits(self.height_min, self.height_max)
 
     @property
     def plausibility(self) -> PlausibilityLimits:
         """What the checks of a finished map need of them."""
-        return PlausibilityLimits(
-            self.min_coverage, self.max_coverage_loss, max_growth=self.max_growth
-        )
+        return PlausibilityLimits(self.min_coverage, max_growth=self.max_growth)

@@ -62,7 +62,7 @@ class MapMaker:
                 raise GridError('keep: the map that is there is of another job or grid')
             fusion = self._kept.fusion
         return Session(
-            fusion, self.track, max_waiting=p.max_waiting, not_before_ns=earliest_ns, job_id=job_id, layer=layer,
+            fusion, self.track, not_before_ns=earliest_ns, job_id=job_id, layer=layer,
             scan_id=scan_id, laid=laid,
         )  # fmt: skip
 

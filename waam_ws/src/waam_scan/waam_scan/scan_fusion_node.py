@@ -45,6 +45,8 @@ RAW_KEPT = 500  # telemetry frames that are kept unread while no scan runs
 ENDED = (JobStatus.IDLE, JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 CLOCK_GRAIN_NS = 100_000_000  # /clock comes at 20 Hz of simulated time
 ANSWER_S = 5.0  # steady time that the scanner may take to obey
+# steady time: a finishing scan ends after so long without news, and gives up after so long although some still come
+QUIET_S, GIVE_UP_S = 1.0, 30.0
 
 
 class ScanFusion(WaamNode):
@@ -270,7 +272,7 @@ class ScanFusion(WaamNode):
                 session.remarks.append(f'scanner not switched off: {trouble}')
             if not await self._everything(session):
                 why = ', '.join(session.counts.reasons())
-                text = f'the end of the scan was not reached in {self.params.finish_timeout:.0f} s'
+                text = f'the end of the scan was not reached in {GIVE_UP_S:.0f} s'
                 text += why and f': {why}'
                 self._monitor.no_map(text, session)
                 return answer(response, FinishScan.Response.TIMEOUT, text)
@@ -282,15 +284,15 @@ class ScanFusion(WaamNode):
         """True when everything has arrived or nothing more comes; False when it would never end."""
         self._read_telemetry()
         session.resolve()
-        p, now = self.params, time.monotonic()
-        end, until = now + p.finish_timeout, session.until_ns
-        watch = EndWatch(until, p.quiet_time, end, now, self._track.newest_ns)
+        now = time.monotonic()
+        end, until = now + GIVE_UP_S, session.until_ns
+        watch = EndWatch(until, QUIET_S, end, now, self._track.newest_ns)
         while not session.complete:
             now = time.monotonic()
             if watch.gives_up(now):
                 return False
             if watch.is_quiet(now, self._track.newest_ns, self._last_batch):
-                session.remarks.append(f'nothing new for {p.quiet_time:.1f} s before its end')
+                session.remarks.append(f'nothing new for {QUIET_S:.1f} s before its end')
                 return True
             # an event that is set would never wait: 'complete' ends when another batch comes
             self._complete = Event()

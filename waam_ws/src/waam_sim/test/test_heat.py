@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from waam_sim.drive import Drive
-from waam_sim.metal import bead_width
+from waam_sim.pool import bead_width
 
 TRACKS = [(0.02, 0.03, 0.02), (0.08, 0.03, 0.02)]
 

@@ -77,11 +77,9 @@ def test_an_unknown_model_is_refused_by_name():
 
 
 def test_the_parameter_reaches_the_cell():
-    physics = plant_params(
-        from_dict(CellParams, {'metal_model': 'film', 'metal_film_remelt': 1e-4})
-    )
+    physics = plant_params(from_dict(CellParams, {'metal_model': 'film', 'metal_levelling': 0.3}))
     plant = Plant(plate(0.02, 0.02, 0.01, 4e-4, 2e-3), physics)
-    assert plant.metal.params['film_remelt'][0] == 1e-4
+    assert plant.metal.params['levelling'][0] == 0.3
 
 
 @models

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
-import rclpy
 from geometry_msgs.msg import Point, PointStamped, Vector3
-from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
@@ -23,21 +16,15 @@ from waam_msgs.msg import JobStatus, ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
 from waam_node.conversions import nanoseconds
 from waam_node.qos import LATCHED
-from waam_node.testing import fresh_domain
+from waam_node.testing_graph import Graph
 from waam_process.grid import HeightGrid
 
-DOMAIN = fresh_domain()
 
-
-class Observer:
+class Observer(Graph):
     """A node of the test's own that listens to everything the cell says."""
 
     def __init__(self) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=DOMAIN)
-        self.node = rclpy.create_node('observer', context=self.context)
-        self.executor = EventsExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__()
         self.seen = {'/clock': [], 'temperature': [], 'profiles': []}
         qos = QoSProfile(depth=500, reliability=ReliabilityPolicy.RELIABLE)
         for name, kind in (
@@ -48,69 +35,29 @@ class Observer:
             self.node.create_subscription(kind, name, self.seen[name].append, qos)
 
     def until(self, condition, timeout=60.0) -> bool:
-        end = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            self.executor.spin_once(timeout_sec=0.02)
-        return True
+        return self.reached(condition, timeout)
 
-    def call(self, kind, name, **fields):
+    def ask(self, kind, name, **fields):
         client = self.node.create_client(kind, name)
-        assert self.until(client.service_is_ready), f'{name} is not there'
-        # A server that has not yet found the reader of a new client loses its first answer.
-        self.until(lambda: False, 0.5)
-        future = client.call_async(kind.Request(**fields))
-        assert self.until(future.done), f'{name} did not answer'
+        answer = self.call(client, kind.Request(**fields))
         self.node.destroy_client(client)
-        return future.result()
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-def start(*parameters: str) -> subprocess.Popen:
-    arguments = [a for p in parameters for a in ('-p', p)]
-    return subprocess.Popen(
-        [
-            sys.executable,
-            '-c',
-            'from waam_sim.cell_node import main; main()',
-            '--ros-args',
-            *arguments,
-        ],
-        env={
-            **os.environ,
-            'ROS_DOMAIN_ID': str(DOMAIN),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        },
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+        return answer
 
 
 @pytest.fixture
 def cell(controller, tmp_path):
-    process = start(f'plant_socket:={controller.path}', f'truth_dir:={tmp_path}', 'seed:=3')
     observer = Observer()
+    words = (f'plant_socket:={controller.path}', f'truth_dir:={tmp_path}', 'seed:=3')
+    process = observer.start('waam_sim', 'cell', *(a for w in words for a in ('-p', w)))
     controller.accept()
     yield process, observer, controller
-    process.send_signal(signal.SIGTERM)
-    try:
-        process.communicate(timeout=10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.communicate()
     observer.close()
 
 
 def test_a_job_in_small(cell, tmp_path):
     process, observer, controller = cell
     seen = observer.seen
-    loaded = observer.call(
+    loaded = observer.ask(
         LoadPart, 'cell/load_part', plate=Vector3(x=0.05, y=0.03, z=0.01), seed=-1
     )
     assert loaded.success, loaded.message
@@ -133,11 +80,11 @@ def test_a_job_in_small(cell, tmp_path):
     assert max(t.temperature for t in seen['temperature']) > 40.0
     assert not seen['profiles'], 'profiles come only while the scanner is enabled'
 
-    assert observer.call(SetBool, 'scanner/enable', data=True).success
+    assert observer.ask(SetBool, 'scanner/enable', data=True).success
     controller.run((-0.06, 0.015, 0.03), 0.5)
     controller.run((0.0, 0.015, 0.03), 0.55)
     assert observer.until(lambda: len(seen['profiles']) >= 10)
-    assert observer.call(SetBool, 'scanner/enable', data=False).success
+    assert observer.ask(SetBool, 'scanner/enable', data=False).success
     assert observer.until(lambda: sum(b.profile_count for b in seen['profiles']) >= 105)
     times = np.concatenate(
         [nanoseconds(b.header.stamp) + np.array(b.stamp_offsets_ns) for b in seen['profiles']]
@@ -146,7 +93,7 @@ def test_a_job_in_small(cell, tmp_path):
     assert [b.sequence for b in seen['profiles']] == list(range(len(seen['profiles'])))
     assert seen['profiles'][-1].profile_count == 5 and len(seen['profiles'][-1].z) == 5 * 640
 
-    saved = observer.call(Trigger, '/cell/save_truth')
+    saved = observer.ask(Trigger, '/cell/save_truth')
     assert saved.success, saved.message
     truth = HeightGrid.load_npz(saved.message)
     assert truth.z.max() > 0.0115
@@ -164,7 +111,7 @@ def test_the_pyrometer_follows_its_aim_in_machine_coordinates(cell):
     _, observer, controller = cell
     seen, start, middle = observer.seen['temperature'], (0.09, 0.1, 0.01), (0.11, 0.1, 0.01)
     plate = Vector3(x=0.2, y=0.2, z=0.01)
-    assert observer.call(LoadPart, 'cell/load_part', plate=plate, seed=-1).success
+    assert observer.ask(LoadPart, 'cell/load_part', plate=plate, seed=-1).success
     aim = observer.node.create_publisher(PointStamped, 'pyrometer_aim', LATCHED)
 
     def look_at(x: float, y: float) -> float:
@@ -204,13 +151,11 @@ def test_time_does_not_run_ahead_of_a_job_that_computes(cell):
 
 def test_bad_requests_are_refused_by_name(cell):
     _, observer, controller = cell
-    answer = observer.call(LoadPart, 'cell/load_part', mesh_path='/nowhere/part.stl', seed=-1)
+    answer = observer.ask(LoadPart, 'cell/load_part', mesh_path='/nowhere/part.stl', seed=-1)
     assert not answer.success and '/nowhere/part.stl' in answer.message
-    answer = observer.call(
-        LoadPart, 'cell/load_part', plate=Vector3(x=0.1, y=-1.0, z=0.01), seed=-1
-    )
+    answer = observer.ask(LoadPart, 'cell/load_part', plate=Vector3(x=0.1, y=-1.0, z=0.01), seed=-1)
     assert not answer.success and 'plate.y' in answer.message
-    answer = observer.call(InjectFault, 'cell/inject_fault', fault='flood', value=0.0)
+    answer = observer.ask(InjectFault, 'cell/inject_fault', fault='flood', value=0.0)
     assert not answer.success and 'flood' in answer.message and 'arc_loss' in answer.message
     controller.run((0.0, 0.0, 0.05), 0.1)
 
@@ -223,7 +168,7 @@ def test_a_part_that_is_asked_for_too_late_is_not_changed_in_the_midst_of_a_job(
         status.publish(JobStatus(state=state))
         controller.run((0.0, 0.0, 0.05), 0.05)
         plate = Vector3(x=0.1, y=0.1, z=0.01)
-        return words in observer.call(LoadPart, 'cell/load_part', plate=plate, seed=-1).message
+        return words in observer.ask(LoadPart, 'cell/load_part', plate=plate, seed=-1).message
 
     assert observer.until(lambda: said(JobStatus.COOLING, 'a job runs'))
     assert observer.until(lambda: said(JobStatus.DONE, 'part on the table'))
@@ -245,7 +190,7 @@ def test_controller_gone_and_back(cell):
 
 
 def test_unknown_parameter_is_refused_by_name():
-    process = start('metal_leveling:=0.5')
-    out, _ = process.communicate(timeout=30)
-    assert process.returncode == 2
-    assert "unknown parameter 'metal_leveling'" in out and 'metal_levelling' in out
+    g = Graph()
+    assert g.start('waam_sim', 'cell', '-p', 'metal_leveling:=0.5').wait(30) == 2
+    said = g.close()
+    assert "unknown parameter 'metal_leveling'" in said and 'metal_levelling' in said

@@ -129,8 +129,8 @@ def test_readme_has_the_table_of_parameters():
 
 
 def test_parameters_reach_the_physics():
-    params = plant_params(from_dict(CellParams, {'metal_levelling': 0.2, 'scanner_rate': 50.0}))
-    assert params.metal.levelling == 0.2 and params.scanner.rate == 50.0
+    params = plant_params(from_dict(CellParams, {'metal_levelling': 0.2, 'scanner_noise': 5e-5}))
+    assert params.metal.levelling == 0.2 and params.scanner.noise == 5e-5
     with pytest.raises(ParameterError, match='arc_wire_lag'):
         from_dict(CellParams, {'arc_wire_lag': -1.0})
     with pytest.raises(ValueError, match='work_zero'):

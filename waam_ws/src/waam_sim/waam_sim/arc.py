@@ -32,8 +32,8 @@ class ArcParams:
     )
     wheel_coast: float = 0.1  # time constant of the measuring wheel once no wire turns it [s]
     wire_quantum: float = 5e-4  # resolution of the wire speed reading [m/s]
-    strike_min: float = param(0.05, 'shortest ignition delay', 's', 0.0, 1.0)
-    strike_max: float = param(0.15, 'longest ignition delay', 's', 0.0, 1.0)
+    strike_min: float = 0.05  # shortest ignition delay [s]
+    strike_max: float = 0.15  # longest ignition delay [s]
     strike_failure: float = param(
         0.02, 'probability that a strike fails and is tried again', '', 0.0, 1.0
     )

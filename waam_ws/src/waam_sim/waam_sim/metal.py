@@ -17,21 +17,17 @@ import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
 
-from .arc import REFERENCE_CTWD
-from .compiled import bilinear, jit, record, state
-from .disturbance import AREA_FIXED, AREA_LAYER, WIDTH, noise
+from .compiled import inner, jit, record, state
 from .metal_params import MetalParams
-
-MIN_WIDTH, MAX_WIDTH = 2.5e-3, 14e-3
-MIN_SPEED = 2e-3
-REFERENCE_TEMPERATURE = 150.0
-RESOLIDIFIED_AFTER = 0.5  # s without new melt
-ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns to
-# m beside the wire that an arc can strike to where there is nothing below the wire
-STRIKE_REACH = 1.5e-3
-POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
-# m that the torch has to leave behind to have a direction: a stop, with the last steps of single motors, has none
-HEADING_PATH = 5e-5
+from .pool import (
+    ARC_REACH,
+    MIN_WIDTH,
+    REFERENCE_TEMPERATURE,
+    RESOLIDIFIED_AFTER,
+    box,
+    make_advance,
+    melted,
+)
 
 _STATE = (
     'origin_x', 'origin_y', 'active', 'x', 'y', 'pool_x', 'pool_y', 'head_x', 'head_y', 'from_x', 'from_y', 'path',
@@ -73,37 +69,6 @@ class Metal:
     def deposited(self) -> float:
         """Metal that was laid on the field so far, m^3."""
         return float(self.state['deposited'][0])
-
-
-@jit
-def bead_width(p, power, speed, temperature):
-    """Width of a single bead, m: a power law of the simulation's own, wider on hot metal."""
-    v = max(speed, MIN_SPEED)
-    hot = 1.0 + p.hot_width_per_k * (temperature - REFERENCE_TEMPERATURE)
-    w = p.width_ref * (max(power, 100.0) / p.power_ref) ** p.power_exponent
-    w *= (v / p.speed_ref) ** -p.speed_exponent * hot
-    return min(max(w, MIN_WIDTH), MAX_WIDTH)
-
-
-@jit
-def transfer(p, ctwd, temperature, gas):
-    """Share of the wire that becomes bead, 0..1."""
-    share = p.transfer * (1.0 - p.spatter_per_m * max(ctwd - REFERENCE_CTWD, 0.0))
-    share *= 1.0 - p.hot_loss_per_k * (temperature - REFERENCE_TEMPERATURE)
-    if not gas:
-        share *= 1.0 - p.no_gas_loss
-    return min(max(share, 0.0), 1.0)
-
-
-@jit
-def _box(shape, p, s, x, y, radius):
-    """Rows and columns (first, past the last) of the circle plus one cell, inside the field."""
-    a = p.cell
-    c0 = max(int(math.floor((x - radius - s.origin_x) / a)) - 1, 0)
-    c1 = min(int(math.floor((x + radius - s.origin_x) / a)) + 2, shape[1])
-    r0 = max(int(math.floor((y - radius - s.origin_y) / a)) - 1, 0)
-    r1 = min(int(math.floor((y + radius - s.origin_y) / a)) + 2, shape[0])
-    return r0, max(r1, r0), c0, max(c1, c0)
 
 
 @jit
@@ -190,11 +155,11 @@ def _slump(z, solid, k, r0, c0, steepest, cell, rate):
             z[r0 + i, c0 + j] += change[i, j]
 
 
-@jit
+@inner
 def lay(z, solid, touched, p, s, x, y, volume, width, height, temperature, time):
     """Spreads one portion of melt (m^3) over the pool around (x, y) and lets it slump. Outside the field it is lost."""
     radius = 0.5 * width
-    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, radius)
+    r0, r1, c0, c1 = box(z.shape, p, s, x, y, radius)
     k = _ellipsoid(p=p, s=s, x=x, y=y, radius=radius, r0=r0, r1=r1, c0=c0, c1=c1)
     if k.size == 0 or k.max() <= 0.0:
         s.lost += volume
@@ -221,14 +186,14 @@ def lay(z, solid, touched, p, s, x, y, volume, width, height, temperature, time)
     _slump(z, solid, k, r0, c0, steepest, p.cell, p.slump_rate)
 
 
-@jit
+@inner
 def dig_crater(z, solid, p, s):
     """The arc's last pressure: moves metal of the pool to the bead behind it. Short beads keep their shape, and where
     little of the bead lies behind (round a corner, on a bead that had gone solid before) the crater is shallower."""
     if s.path < 2.0 * s.width:
         return
     tail_x, tail_y = s.pool_x - 0.9 * s.width * s.head_x, s.pool_y - 0.9 * s.width * s.head_y
-    t0, t1, u0, u1 = _box(z.shape, p, s, tail_x, tail_y, 0.6 * s.width)
+    t0, t1, u0, u1 = box(z.shape, p, s, tail_x, tail_y, 0.6 * s.width)
     tail = _ellipsoid(
         p=p, s=s, x=tail_x, y=tail_y, radius=0.6 * s.width, r0=t0, r1=t1, c0=u0, c1=u1,
     )  # fmt: skip
@@ -241,7 +206,7 @@ def dig_crater(z, solid, p, s):
     if total <= 0.0:
         return
     x, y = s.pool_x - 0.1 * s.width * s.head_x, s.pool_y - 0.1 * s.width * s.head_y
-    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, 0.3 * s.width)
+    r0, r1, c0, c1 = box(z.shape, p, s, x, y, 0.3 * s.width)
     bowl = _ellipsoid(p=p, s=s, x=x, y=y, radius=0.3 * s.width, r0=r0, r1=r1, c0=c0, c1=c1)
     moved = 0.0
     for i in range(r1 - r0):
@@ -261,39 +226,6 @@ def dig_crater(z, solid, p, s):
 
 
 @jit
-def under_wire(z, p, s, x, y):
-    """Level that the wire meets; over a notch or beside an edge that of the metal next to it: the arc jumps there."""
-    level = bilinear(z, s.origin_x, s.origin_y, p.cell, x, y, 0.0)
-    r0, r1, c0, c1 = _box(z.shape, p, s, x, y, STRIKE_REACH)
-    highest = level
-    for r in range(r0, r1):
-        for c in range(c0, c1):
-            dx = s.origin_x + (c + 0.5) * p.cell - x
-            dy = s.origin_y + (r + 0.5) * p.cell - y
-            if dx * dx + dy * dy <= STRIKE_REACH * STRIKE_REACH:
-                highest = max(highest, z[r, c])
-    return level if level >= highest - ARC_REACH else highest
-
-
-@jit
-def _start(z, p, s, x, y):
-    s.active, s.path, s.volume, s.carry_path, s.carry_time = 1.0, 0.0, 0.0, 0.0, 0.0
-    s.pool_x, s.pool_y, s.head_x, s.head_y = x, y, 0.0, 0.0
-    s.from_x, s.from_y = x, y
-    s.surface = under_wire(z, p, s, x, y)
-
-
-@jit
-def _head(s, x, y):
-    """The direction of travel, from places at least HEADING_PATH apart. A torch that stands keeps the last one."""
-    gone_x, gone_y = x - s.from_x, y - s.from_y
-    gone = math.hypot(gone_x, gone_y)
-    if gone >= HEADING_PATH:
-        s.head_x, s.head_y = gone_x / gone, gone_y / gone
-        s.from_x, s.from_y = x, y
-
-
-@jit
 def _follow(p, s, x, y, step, dt):
     """The pool follows the arc: half at once, the rest with the distance between them, slowly even at rest."""
     gap_x, gap_y = x - s.pool_x, y - s.pool_y
@@ -306,76 +238,26 @@ def _follow(p, s, x, y, step, dt):
     s.pool_y += share * gap_y
 
 
-@jit
-def _lay_carried(z, solid, touched, p, s, values, height_z, temperature, time):
+@inner
+def _take(z, solid, touched, p, s, values, height_z, temperature, time):
     """Lays what has melted since the last portion."""
-    u, v = s.pool_x / p.noise_length, s.pool_y / p.noise_length
-    w = height_z / p.noise_height
-    area = 1.0 + p.area_noise_fixed * noise(values, AREA_FIXED, u, v, 0.0)
-    area += p.area_noise_layer * noise(values, AREA_LAYER, u, v, w)
-    volume = s.volume * max(area, 0.2)
-    width = bead_width(p, s.power, s.speed, temperature)
-    width *= 1.0 + p.width_noise * noise(values, WIDTH, u, v, w)
-    if p.width_follows > 0.0:
-        width *= max(area, 0.2) ** p.width_follows
-    width *= 1.0 - p.start_narrowing * math.exp(-s.path / p.start_length)
-    s.width = max(width, MIN_WIDTH)
-    rate = volume / max(s.carry_path, MIN_SPEED * s.carry_time)
-    s.height = min(max(1.5 * rate / s.width, 2e-4), 0.7 * s.width)
+    volume = melted(p, s, values, height_z, temperature, p.start_narrowing, p.start_length)
     lay(
         z=z, solid=solid, touched=touched, p=p, s=s, x=s.pool_x, y=s.pool_y, volume=volume, width=s.width,
         height=s.height, temperature=temperature, time=time,
     )  # fmt: skip
     s.portion, s.portion_x, s.portion_y = s.portion + volume, s.pool_x, s.pool_y
-    s.volume, s.carry_path, s.carry_time = 0.0, 0.0, 0.0
+    s.carry_path, s.carry_time = 0.0, 0.0
 
 
-@jit
-def advance(
-    z,
-    solid,
-    touched,
-    p,
-    s,
-    values,
-    time,
-    dt,
-    x,
-    y,
-    height_z,
-    lit,
-    wire_speed,
-    power,
-    temperature,
-    ctwd,
-    gas,
-):
-    """One sample of `dt`: the arc at (x, y), torch at height_z (m, work frame), real wire speed m/s, power W."""
-    step_x, step_y = x - s.x, y - s.y
-    step = math.hypot(step_x, step_y)
-    s.x, s.y = x, y
-    s.speed += (step / dt - s.speed) * min(dt / POOL_TIME, 1.0)
-    if not lit:
-        if s.active > 0.0:
-            if s.volume > 0.0:
-                _lay_carried(
-                    z, solid, touched, p, s, values=values, height_z=height_z, temperature=temperature, time=time,
-                )  # fmt: skip
-            dig_crater(z, solid, p, s)
-            s.active = 0.0
-        return
-    if s.active == 0.0:
-        _start(z, p, s, x, y)
-        s.power = p.power_ref
-    _head(s, x, y)
-    s.power += (power - s.power) * min(dt / POOL_TIME, 1.0)
-    s.path += step
-    s.carry_path += step
-    s.carry_time += dt
-    _follow(p, s, x, y, step, dt)
-    section = 0.25 * math.pi * p.wire_diameter * p.wire_diameter
-    s.volume += section * wire_speed * dt * transfer(p, ctwd, temperature, gas)
-    if s.carry_path >= p.portion_path or s.carry_time >= p.portion_time:
-        _lay_carried(
-            z, solid, touched, p, s, values=values, height_z=height_z, temperature=temperature, time=time,
-        )  # fmt: skip
+@inner
+def _end(z, solid, touched, p, s, values, height_z, temperature, time):
+    """The last portion, and the crater."""
+    if s.volume > 0.0:
+        _take(
+            z, solid, touched, p, s, values, height_z=height_z, temperature=temperature, time=time
+        )
+    dig_crater(z, solid, p, s)
+
+
+advance = make_advance(_take, _end, _follow)

@@ -14,8 +14,7 @@ import math
 import numpy as np
 
 from .compiled import inner
-from .metal import REFERENCE_TEMPERATURE
-from .pool import laid, make_advance, melted, touch
+from .pool import REFERENCE_TEMPERATURE, laid, make_advance, melted, touch
 
 STABLE = 0.2  # of D f/h dt/cell^2 in one step of the film
 MAX_STEPS = 24  # of the film for one portion

@@ -1,8 +1,8 @@
 """The metal models by name: `metal` (portions), `metal_sections`, `metal_film`.
 
-All keep the height field and the records of `metal.Metal`. Each has a compiled `advance` with the arguments of
-`metal.advance`, which lives through one sample; `step` calls the one that is asked for. A new model is named here and
-called there. Of the state others read `active`, `surface`, `head_x`, `head_y`, `pool_x`, `pool_y`, `width`, `portion`,
+All keep the height field and the records of `metal.Metal`. Each has a compiled `advance` (`pool.make_advance`), which
+lives through one sample; `step` calls the one that is asked for. A new model is named here and called there. Of the
+state others read `active`, `surface`, `head_x`, `head_y`, `pool_x`, `pool_y`, `width`, `portion`,
 `portion_x`, `portion_y`, `deposited` and `lost`.
 """
 

@@ -28,7 +28,7 @@ class MetalParams:
         7.0, 'loss of transfer per metre of contact distance beyond 15 mm', '1/m', 0.0, 50.0
     )
     hot_loss_per_k: float = 1.5e-4  # loss of transfer per kelvin above 150 degrees [1/K]
-    no_gas_loss: float = param(0.15, 'loss of transfer without shielding gas', '', 0.0, 1.0)
+    no_gas_loss: float = 0.15  # loss of transfer without shielding gas
     width_ref: float = param(
         7.0e-3, 'width of a single bead at the reference point', 'm', 2e-3, 2e-2
     )
@@ -43,9 +43,7 @@ class MetalParams:
         0.55, 'share of the relief below it that the melt evens out', '', 0.0, 1.0
     )
     hot_levelling_per_k: float = 6e-4  # gain of levelling per kelvin above 150 degrees [1/K]
-    overhang_share: float = param(
-        0.45, 'share of its metal that a cell without support takes', '', 0.0, 1.0
-    )
+    overhang_share: float = 0.45  # share of its metal that a cell without support takes
     slump_slope: float = param(4.0, 'steepest slope of fresh melt at 150 degrees', '', 0.6, 20.0)
     hot_slump_per_k: float = 6e-3  # loss of that slope per kelvin above 150 degrees [1/K]
     slump_rate: float = 0.05  # share of a cell that runs down per portion of melt
@@ -86,6 +84,6 @@ class MetalParams:
     film_mobility: float = 6e-6  # D of a film as thick as the bead at 150 degrees [m^2/s]
     film_bump: float = 0.55  # radius of what is poured, in halves of the bead width
     film_trail: float = 0.3  # distance of the pour behind the arc, in bead widths
-    film_remelt: float = param(2e-4, 'depth of ground that melts again', 'm', 0.0, 2e-3)
+    film_remelt: float = 2e-4  # depth of ground that melts again [m]
     film_pressure: float = 0.3  # by which the arc presses the film down, in bead heights
     film_hot_start: float = 0.15  # share of width that is missing at an arc start

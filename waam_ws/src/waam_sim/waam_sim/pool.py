@@ -1,7 +1,7 @@
-"""What the metal models other than `metal` share: how melt is gathered, where the torch heads, what scatters.
+"""What the metal models share: how melt is gathered, where the torch heads, what scatters.
 
-Widths and the balance of the wire are those of `metal` (`bead_width`, `transfer`): the models differ in where the metal
-goes, not in how much of it there is. Lengths in m, times in s, temperatures in degrees Celsius.
+Widths and the balance of the wire are the same (`bead_width`, `transfer`): the models differ in where the metal goes,
+not in how much of it there is. Lengths in m, times in s, temperatures in degrees Celsius.
 """
 
 from __future__ import annotations
@@ -9,13 +9,67 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from .compiled import inner
+from .arc import REFERENCE_CTWD
+from .compiled import bilinear, inner, jit
 from .disturbance import AREA_FIXED, AREA_LAYER, WIDTH, noise
-from .metal import MIN_SPEED, MIN_WIDTH, POOL_TIME, bead_width, transfer, under_wire
 
-HEADING_PATH = 5e-5  # m that the torch has to leave behind to have a direction
+MIN_WIDTH, MAX_WIDTH = 2.5e-3, 14e-3
+MIN_SPEED = 2e-3
+REFERENCE_TEMPERATURE = 150.0
+ARC_REACH = 10e-3  # m below the highest place under it that the arc still burns to
+# m beside the wire that an arc can strike to where there is nothing below the wire
+STRIKE_REACH = 1.5e-3
+POOL_TIME = 0.1  # s, in which the pool's size follows power and travel speed
+# m that the torch has to leave behind to have a direction: a stop, with the last steps of single motors, has none
+HEADING_PATH = 5e-5
 TURN_PATH = 1e-3  # m on which the pool takes the direction of the torch
 RESOLIDIFIED_AFTER = 0.5  # s without new melt
+
+
+@jit
+def bead_width(p, power, speed, temperature):
+    """Width of a single bead, m: a power law of the simulation's own, wider on hot metal."""
+    v = max(speed, MIN_SPEED)
+    hot = 1.0 + p.hot_width_per_k * (temperature - REFERENCE_TEMPERATURE)
+    w = p.width_ref * (max(power, 100.0) / p.power_ref) ** p.power_exponent
+    w *= (v / p.speed_ref) ** -p.speed_exponent * hot
+    return min(max(w, MIN_WIDTH), MAX_WIDTH)
+
+
+@jit
+def transfer(p, ctwd, temperature, gas):
+    """Share of the wire that becomes bead, 0..1."""
+    share = p.transfer * (1.0 - p.spatter_per_m * max(ctwd - REFERENCE_CTWD, 0.0))
+    share *= 1.0 - p.hot_loss_per_k * (temperature - REFERENCE_TEMPERATURE)
+    if not gas:
+        share *= 1.0 - p.no_gas_loss
+    return min(max(share, 0.0), 1.0)
+
+
+@jit
+def box(shape, p, s, x, y, radius):
+    """Rows and columns (first, past the last) of the circle plus one cell, inside the field."""
+    a = p.cell
+    c0 = max(int(math.floor((x - radius - s.origin_x) / a)) - 1, 0)
+    c1 = min(int(math.floor((x + radius - s.origin_x) / a)) + 2, shape[1])
+    r0 = max(int(math.floor((y - radius - s.origin_y) / a)) - 1, 0)
+    r1 = min(int(math.floor((y + radius - s.origin_y) / a)) + 2, shape[0])
+    return r0, max(r1, r0), c0, max(c1, c0)
+
+
+@inner
+def under_wire(z, p, s, x, y):
+    """Level that the wire meets; over a notch or beside an edge that of the metal next to it: the arc jumps there."""
+    level = bilinear(z, s.origin_x, s.origin_y, p.cell, x, y, 0.0)
+    r0, r1, c0, c1 = box(z.shape, p, s, x, y, STRIKE_REACH)
+    highest = level
+    for r in range(r0, r1):
+        for c in range(c0, c1):
+            dx = s.origin_x + (c + 0.5) * p.cell - x
+            dy = s.origin_y + (r + 0.5) * p.cell - y
+            if dx * dx + dy * dy <= STRIKE_REACH * STRIKE_REACH:
+                highest = max(highest, z[r, c])
+    return level if level >= highest - ARC_REACH else highest
 
 
 @inner
@@ -90,16 +144,11 @@ def laid(s, volume, x, y):
 def touch(z, solid, touched, p, s, x, y, radius, depth, time):
     """The pool reaches a circle: where it was solid before, `depth` m of it melt again. Returns the box of its cells,
     (first, past the last) row and column, inside the field."""
-    a = p.cell
-    rows, cols = z.shape
-    c0 = max(int(math.floor((x - radius - s.origin_x) / a)) - 1, 0)
-    c1 = max(min(int(math.floor((x + radius - s.origin_x) / a)) + 2, cols), c0)
-    r0 = max(int(math.floor((y - radius - s.origin_y) / a)) - 1, 0)
-    r1 = max(min(int(math.floor((y + radius - s.origin_y) / a)) + 2, rows), r0)
+    r0, r1, c0, c1 = box(z.shape, p, s, x, y, radius)
     for r in range(r0, r1):
-        dy = s.origin_y + (r + 0.5) * a - y
+        dy = s.origin_y + (r + 0.5) * p.cell - y
         for c in range(c0, c1):
-            dx = s.origin_x + (c + 0.5) * a - x
+            dx = s.origin_x + (c + 0.5) * p.cell - x
             if dx * dx + dy * dy <= radius * radius:
                 if abs(time - touched[r, c]) > RESOLIDIFIED_AFTER:
                     solid[r, c] = z[r, c] - depth
@@ -125,9 +174,19 @@ def splat(z, p, s, x, y, volume):
     return outside
 
 
-def make_advance(take: Callable, end: Callable) -> Callable:
-    """`advance` of a model, as of `metal.advance`, from its two compiled steps: take lays the portion that is due, end
-    is called once when the arc goes out. Both: (z, solid, touched, p, s, values, height_z, temperature, time)."""
+@inner
+def stay(p, s, x, y, step, dt):
+    """A model that sets the pool itself."""
+
+
+def make_advance(take: Callable, end: Callable, follow: Callable = stay) -> Callable:
+    """`advance` of a model from its compiled steps: take lays the portion that is due, end is called once when the arc
+    goes out, both (z, solid, touched, p, s, values, height_z, temperature, time); follow (p, s, x, y, step, dt) moves
+    the pool after the arc.
+
+    advance lives through one sample of `dt`: the arc at (x, y), torch at height_z (m, work frame), real wire speed in
+    m/s, power in W.
+    """
 
     @inner
     def advance(
@@ -143,20 +202,14 @@ def make_advance(take: Callable, end: Callable) -> Callable:
             return
         if s.active == 0.0:
             strike(z, p, s, x, y)
-        if gather(
+        due = gather(
             p, s, x, y, step=step, dt=dt, wire_speed=wire_speed, power=power, temperature=temperature, ctwd=ctwd,
             gas=gas,
-        ):  # fmt: skip
+        )  # fmt: skip
+        follow(p, s, x, y, step, dt)
+        if due:
             take(
-                z,
-                solid,
-                touched,
-                p,
-                s,
-                values,
-                height_z=height_z,
-                temperature=temperature,
-                time=time,
-            )
+                z, solid, touched, p, s, values, height_z=height_z, temperature=temperature, time=time,
+            )  # fmt: skip
 
     return advance

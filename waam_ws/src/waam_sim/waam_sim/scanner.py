@@ -32,11 +32,11 @@ NODES = 64  # of the error that scans share, along x and y; it repeats beyond
 class ScannerParams:
     """Line scanner."""
 
-    offset_x: float = param(0.060, 'of the scanner from the wire tip along x', 'm', -0.5, 0.5)
-    offset_z: float = param(0.120, 'of the scanner above the wire tip', 'm', 0.0, 0.5)
-    fan: float = param(0.050, 'width of a profile', 'm', 1e-3, 0.5)
-    points: int = param(640, 'points of a profile', '', 2, 8192)
-    rate: float = param(100.0, 'profiles per second', '1/s', 1.0, 1000.0)
+    offset_x: float = 0.060  # of the scanner from the wire tip along x [m]
+    offset_z: float = 0.120  # of the scanner above the wire tip [m]
+    fan: float = 0.050  # width of a profile [m]
+    points: int = 640  # points of a profile
+    rate: float = 100.0  # profiles per second [1/s]
     batch: int = 10  # profiles of a message
     range_near: float = -0.085  # nearest measurable z_s [m]
     range_far: float = -0.165  # farthest measurable z_s [m]

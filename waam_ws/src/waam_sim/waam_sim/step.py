@@ -14,11 +14,11 @@ from .arc import REFERENCE_CTWD, advance_arc, advance_wire
 from .compiled import SOURCES, bilinear, jit
 from .heat import add_arc, conduct, grow
 from .metal import advance as advance_metal
-from .metal import under_wire
 from .metal_film import advance as advance_film
 from .metal_models import FILM, SECTIONS
 from .metal_sections import advance as advance_sections
 from .placement import distort, rise, warm
+from .pool import under_wire
 from .scanner import profile
 from .variation import arriving, beside, pass_path, spatter, strike
 

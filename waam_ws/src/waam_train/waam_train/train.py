@@ -1,11 +1,11 @@
-"""Training of the U-Net on layers of the laboratory (`samples`); deterministic by seed, resumable to the bit.
+"""Training of the U-Net on layers of the laboratory (`samples`); deterministic by seed.
 
 Every eighth job is for validation; what is made small: `loss`.
 """
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -22,9 +22,7 @@ from waam_adapt.laws import net_file
 from waam_adapt.laws.net import HEAD_LIMIT
 from waam_adapt.laws.unet_law import SMOOTH
 
-from . import curves, loop
 from .card import card_text
-from .loop import TrainingError
 from .loss import batch, loss, on, turned, validate
 from .samples import Sample
 from .unet import UNet, arrays
@@ -32,24 +30,19 @@ from .unet import UNet, arrays
 HELD_OUT = 8  # every eighth job is for validation
 DECAY = 0.01  # of the weights, per step and rate
 RIDGE = 3e-3  # of the regression that the training begins with, of the scale of every channel
-SHOWN = {  # of a validation, in the picture
-    'explained': 'variance of the shape explained',
-    'explained_level': 'variance of the level explained',
-}
+CHECK_EVERY = 250  # steps between validations
 WIDTH_ROOM = 0.25  # of the bead width beyond those seen
 
 
 @dataclass(frozen=True)
 class Settings:
-    """batch: layers of a step and process; rate: largest learning rate of Adam; widths: channels of the three levels of
-    the U-Net; check_every: steps between validations."""
+    """batch: layers of a step; rate: largest learning rate of Adam; widths: channels of the U-Net's three levels."""
 
     steps: int = 2500
     seed: int = 1
     batch: int = 8
     rate: float = 2e-3
     widths: tuple[int, int, int] = (12, 20, 32)
-    check_every: int = 250
 
 
 @dataclass
@@ -62,10 +55,9 @@ class Progress:
 
 
 class Trainer:
-    """One process of a training; under `torchrun` the processes average their gradients and take other layers of the
-    same order. start: weights to begin with; where: torch device of network and layers.
+    """start: weights to begin with; where: torch device of network and layers.
 
-    ValueError when the layers are of too few jobs.
+    ValueError when the layers are of too few jobs, or the weights of another network.
     """
 
     def __init__(
@@ -88,12 +80,11 @@ class Trainer:
         net = UNet(settings.widths)
         torch.nn.init.normal_(net.head.weight, 0.0, 0.05)
         if start is not None:
-            loop.put(net, start)
+            put(net, start)
         else:
             first = torch.from_numpy(linear(used) / HEAD_LIMIT)
             net.skip.weight.data = first.float().reshape(net.skip.weight.shape)
         self.settings, self.net, self.progress = settings, net.to(where), Progress()
-        self.rank = loop.rank()
         self.optimizer = torch.optim.AdamW(
             self.net.parameters(), lr=settings.rate, weight_decay=DECAY
         )
@@ -102,12 +93,11 @@ class Trainer:
         """One batch of layers, turned and mirrored at random; returns its loss."""
         s, p = self.settings, self.progress
         for group in self.optimizer.param_groups:
-            group['lr'] = s.rate * loop.schedule(p.step, s.steps)
-        rng = np.random.default_rng((s.seed, p.step, self.rank))
+            group['lr'] = s.rate * schedule(p.step, s.steps)
+        rng = np.random.default_rng((s.seed, p.step, 0))
         value = loss(self.net, batch([turned(self.used[i], rng) for i in self._chosen(p.step)]))
         self.optimizer.zero_grad()
         value.backward()
-        loop.average(self.net)
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
         self.optimizer.step()
         p.step += 1
@@ -115,17 +105,11 @@ class Trainer:
         return p.loss[-1]
 
     def _chosen(self, step: int) -> Iterator[int]:
-        """Layers of this process: all are seen once, in another order every time, before any is seen again."""
-        first = (step * loop.processes() + self.rank) * self.settings.batch
+        """All layers are seen once, in another order every time, before any is seen again."""
+        first = step * self.settings.batch
         for i in range(first, first + self.settings.batch):
             turn, place = divmod(i, len(self.used))
             yield _order(self.settings.seed, turn, len(self.used))[place]
-
-    @property
-    def due(self) -> bool:
-        """Whether this process validates now."""
-        s, n = self.settings, self.progress.step
-        return self.rank == 0 and (n % s.check_every == 0 or n == s.steps)
 
     def check(self) -> dict[str, float]:
         """A validation on the jobs that are held out, kept with its step."""
@@ -134,63 +118,30 @@ class Trainer:
         )
         return self.progress.checks[-1]
 
-    def save(self, path: Path) -> None:
-        """All that `resume` needs, without pickle, complete or not at all."""
-        content: dict[str, Any] = {f'w.{k}': v for k, v in arrays(self.net).items()}
-        for i, p in enumerate(self.net.parameters()):
-            for name, value in self.optimizer.state.get(p, {}).items():
-                content[f'o.{i}.{name}'] = value.cpu().numpy()
-        text = json.dumps({'settings': asdict(self.settings), 'progress': asdict(self.progress)})
-        content['meta'] = np.frombuffer(text.encode(), np.uint8)
-        part = path.with_suffix('.part.npz')
-        np.savez(part, **content)
-        part.replace(path)
 
-    def resume(self, path: Path) -> None:
-        """Goes on where `save` was called. TrainingError when there is nothing, or when the settings differ in anything
-        but the number of steps."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                content = {k: file[k] for k in file.files}
-        except (OSError, ValueError) as e:
-            raise TrainingError(f'{path}: nothing to resume ({e})') from None
-        meta = json.loads(content['meta'].tobytes())
-        mine, theirs = json.loads(json.dumps(asdict(self.settings))), meta['settings']
-        for key in mine:
-            if key != 'steps' and mine[key] != theirs.get(key):
-                raise TrainingError(
-                    f'{path}: was begun with {key} = {theirs.get(key)}, not {mine[key]}'
-                )
-        loop.put(self.net, {k[2:]: v for k, v in content.items() if k.startswith('w.')})
-        for i, p in enumerate(self.net.parameters()):
-            names = [k for k in content if k.startswith(f'o.{i}.')]
-            state = {k.split('.', 2)[2]: torch.from_numpy(content[k]) for k in names}
-            # Adam counts its steps on the CPU
-            self.optimizer.state[p] = {
-                k: v if k == 'step' else v.to(p.device) for k, v in state.items()
-            }
-        self.progress = Progress(**meta['progress'])
-
-
-def train(
-    trainer: Trainer,
-    folder: Path | None = None,
-    tick: Callable[[Trainer], None] = lambda t: None,
-) -> dict[str, float]:
-    """Trains to the end of the settings; returns the last validation. folder: gets checkpoint.npz and curves.png with
-    every validation. tick: called after every step."""
-    p = trainer.progress
-    while p.step < trainer.settings.steps:
+def train(trainer: Trainer, tick: Callable[[Trainer], None] = lambda t: None) -> dict[str, float]:
+    """Trains to the end of the settings; returns the last validation. tick: called after every step."""
+    p, steps = trainer.progress, trainer.settings.steps
+    while p.step < steps:
         trainer.step()
-        if trainer.due:
+        if p.step % CHECK_EVERY == 0 or p.step == steps:
             trainer.check()
-            if folder is not None:
-                folder.mkdir(parents=True, exist_ok=True)
-                trainer.save(folder / 'checkpoint.npz')
-                curves.draw(p.loss, p.checks, SHOWN, folder / 'curves.png')
         tick(trainer)
     last = p.checks[-1] if p.checks else {}
     return {k: v for k, v in last.items() if k != 'step'}
+
+
+def schedule(step: int, steps: int) -> float:
+    """Share of the learning rate: up over 50 steps, then down along a cosine to 2 %."""
+    return min(1.0, (step + 1) / 50) * (0.51 + 0.49 * math.cos(math.pi * step / max(steps, 1)))
+
+
+def put(network: UNet, weights: Mapping[str, np.ndarray]) -> None:
+    """ValueError when the weights are of another network."""
+    try:
+        network.load_state_dict({k: torch.from_numpy(np.array(v)) for k, v in weights.items()})
+    except RuntimeError as e:
+        raise ValueError(f'weights do not fit the network: {e}') from None
 
 
 @lru_cache(maxsize=2)
@@ -248,7 +199,6 @@ def export(
         'training': {
             **asdict(settings),
             'widths': list(settings.widths),
-            'processes': loop.processes(),
         },
         'data': {
             'layers': len(layers),

@@ -18,9 +18,10 @@ from waam_sim.arc import REFERENCE_CTWD
 from waam_sim.compiled import SOURCES, bilinear, jit
 from waam_sim.disturbance import lattice
 from waam_sim.heat import BARE, Heat, add_arc, conduct, grow
-from waam_sim.metal import Metal, under_wire
+from waam_sim.metal import Metal
 from waam_sim.metal import advance as advance_metal
 from waam_sim.plant import PlantParams
+from waam_sim.pool import under_wire
 from waam_sim.pyrometer import apparent
 from waam_sim.step import AHEAD
 

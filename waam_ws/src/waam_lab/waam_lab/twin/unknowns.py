@@ -118,10 +118,9 @@ NEVER: Mapping[str, str] = {
     'takes all scatter of beads; a preset of the cell says the others',
     'arc_drift_current, arc_drift_voltage': 'slow changes of the current are those of drift, wire and contact distance '
     'together; a preset of the cell says them',
-    'metal_slump_slope, metal_overhang_share': 'edges are left out of the comparison: scanners see them badly',
+    'metal_slump_slope': 'edges are left out of the comparison: scanners see them badly',
     'arc_wire_delay, arc_wire_lag': 'telemetry has ten rows a second; `waam calibrate lead` measures them at 100',
-    'arc_strike_min, arc_strike_max, arc_strike_failure': 'a job strikes too few arcs to tell',
-    'metal_no_gas_loss': 'nobody welds without gas on purpose',
+    'arc_strike_failure': 'a job strikes too few arcs to tell',
 }
 
 

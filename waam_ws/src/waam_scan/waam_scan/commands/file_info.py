@@ -59,7 +59,6 @@ def _cloud(path: Path) -> str:
 
 def _map(path: Path) -> str:
     grid = load_map(path)
-    filled = ', filled holes marked' if 'filled' in _names(path) else ''
     _, holes = enclosed(np.isfinite(grid.z))
     z = grid.z[np.isfinite(grid.z)] * 1e3
     heights = (
@@ -68,5 +67,5 @@ def _map(path: Path) -> str:
     s = grid.spec
     return (
         f'map of {s.rows} x {s.cols} cells of {s.resolution * 1e3:g} mm, '
-        f'{grid.coverage:.1%} known, {holes} holes{filled}, heights {heights}'
+        f'{grid.coverage:.1%} known, {holes} holes, heights {heights}'
     )

@@ -12,7 +12,6 @@ from waam_process.grid import GridSpec
 
 from ..calibration.pass_file import load_pass
 from ..calibration.scan_pass import Pass
-from ..fusion.fill import fill_holes
 from ..fusion.height_map import FusedMap, Fusion
 from ..fusion.limits import FusionLimits
 from ..fusion.quality import assess
@@ -120,7 +119,7 @@ def fuse_files(
     """Passes (.npz) into one map, clouds into one map each; writes NPZ and PNG, prints what they are worth. What is bad
     goes into left_out. Returns the number of maps.
 
-    options: scale (m per unit of clouds), mounting (None: the default), fill (m², largest hole), ply (bool).
+    options: scale (m per unit of clouds), mounting (None: the default), ply (bool).
     """
     made = 0
     for path in [p for p in paths if p.suffix.lower() in CLOUDS]:
@@ -136,7 +135,6 @@ def fuse_files(
             good[path] = usable(load_pass(path), path, mounting, left_out)
         except ValueError as e:
             left_out.add('scan', path, '', e)
-    _without_far(good, mounting, cell, left_out)
     if good:
         fused, used = fuse_passes(list(good.values()), mounting, cell)
         for path, session in zip(good, used, strict=True):
@@ -150,37 +148,6 @@ def fuse_files(
         elif not left_out:
             left_out.add('scan', next(iter(good)), '', 'not one usable point')
     return made
-
-
-def _without_far(
-    good: dict[Path, Pass], mounting: Mounting, cell: float, left_out: LeftOut
-) -> None:
-    """Passes that lie so far from the others that no map holds them all leave `good`; ValueError when two are left
-    that do not fit."""
-    while good:
-        boxes = {path: np.array(_box(p, mounting)) for path, p in good.items()}
-        low = np.min([b[0] for b in boxes.values()], axis=0)
-        high = np.max([b[1] for b in boxes.values()], axis=0)
-        try:
-            grid_around(low, high, cell)
-            return
-        except ValueError as e:
-            alone = [p for p, b in boxes.items() if _too_large(b, cell)]
-            if not alone and len(good) <= 2:
-                raise ValueError(f'{", ".join(map(str, good))}: {e}') from None
-            middle = np.median([b.mean(axis=0) for b in boxes.values()], axis=0)
-            far = {p: np.linalg.norm(b.mean(axis=0) - middle) for p, b in boxes.items()}
-            worst = alone[0] if alone else max(far, key=lambda p: far[p])
-            left_out.add('scan', worst, '', f'does not fit with the others: {e}')
-            del good[worst]
-
-
-def _too_large(box: np.ndarray, cell: float) -> bool:
-    try:
-        grid_around(box[0], box[1], cell)
-    except ValueError:
-        return True
-    return False
 
 
 def usable(p: Pass, name: Path | str, mounting: Mounting, left_out: LeftOut) -> Pass:
@@ -231,22 +198,14 @@ def write(name: Path, fused: FusedMap, options: argparse.Namespace) -> None:
     if fused.points_used == 0:
         raise FileError(f'{name.name}: not one usable point')
     name.parent.mkdir(parents=True, exist_ok=True)
-    z, more = fused.z, {}
-    if options.fill > 0:
-        z, mask = fill_holes(fused.z, fused.spec.resolution, options.fill)
-        more['filled'] = mask
-    save_map(name.with_suffix('.npz'), fused.spec, z, fused.sigma, fused.count, **more)
-    save_png(name.with_suffix('.png'), fused.spec, z, name.name, filled=more.get('filled'))
+    spec, z = fused.spec, fused.z
+    save_map(name.with_suffix('.npz'), spec, z, fused.sigma, fused.count)
+    save_png(name.with_suffix('.png'), spec, z, name.name)
     if options.ply:
-        save_ply(name.with_suffix('.ply'), fused.spec, z)
-    spec = fused.spec
+        save_ply(name.with_suffix('.ply'), spec, z)
     print(
         f'{name}: {spec.rows} x {spec.cols} cells of {spec.resolution * 1e3:g} mm, {fused.coverage:.1%} known, '
         f'{fused.points_used} points used, {fused.spikes} spikes, scatter {fused.residual * 1e3:.4f} mm'
     )
     for line in assess(fused).lines():
         print(f'  {line}')
-    if more:
-        print(
-            f'  {int(more["filled"].sum())} cells of holes filled (marked in "filled", hatched in the picture)'
-        )

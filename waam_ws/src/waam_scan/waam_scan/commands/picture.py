@@ -15,12 +15,10 @@ def save_png(
     z: np.ndarray,
     title: str = '',
     limits_mm: tuple | None = None,
-    filled: np.ndarray | None = None,
 ) -> None:
     """Heights z (rows, cols; m, NaN = unknown, drawn grey) in mm over x and y in mm, +y up.
 
-    limits_mm: colour range; None = 1st to 99th percentile. filled: (rows, cols) mask of cells that were filled in,
-    hatched.
+    limits_mm: colour range; None = 1st to 99th percentile.
     """
     from matplotlib.figure import Figure
 
@@ -36,10 +34,6 @@ def save_png(
         np.ma.masked_invalid(z * 1e3), origin='lower', extent=(x0, x1, y0, y1), cmap='viridis',
         vmin=limits_mm[0], vmax=limits_mm[1], interpolation='nearest', aspect='equal',
     )  # fmt: skip
-    if filled is not None and filled.any():
-        axes.contourf(
-            spec.x * 1e3, spec.y * 1e3, filled, [0.5, 1.5], colors='none', hatches=['xxx']
-        )
     figure.colorbar(image, ax=axes, label='height in mm', extend='both')
     axes.set(xlabel='x in mm', ylabel='y in mm', title=title)
     figure.savefig(path, dpi=110)

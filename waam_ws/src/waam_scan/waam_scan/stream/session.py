@@ -18,6 +18,7 @@ from .profiles import ProfileBlock, ProfileCounts, SequenceWatch, StampWatch
 
 EMPTY_ENDS = 1.5  # both ends of a scan lie equally far beside the part, or nearly so
 DEFAULT_PERIOD_NS = 20_000_000
+MAX_WAITING = 5000  # profiles that wait for telemetry: some seconds, 40 MB with 1000 points each
 REFRESH_S = 0.25  # cells are worked up during the scan this often
 
 
@@ -77,7 +78,7 @@ class Session:
     fusion: Fusion
     track: PoseTrack
     max_gap_ns: int = MAX_GAP_NS
-    max_waiting: int = 2000
+    max_waiting: int = MAX_WAITING
     not_before_ns: int = -(2**62)
     job_id: str = ''
     layer: int = 0
