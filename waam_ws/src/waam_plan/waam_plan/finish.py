@@ -27,6 +27,7 @@ RUN_OUT_WIDTHS = (
     0.5  # bead widths that metal is laid beyond the needed area, over what stands there
 )
 MIN_STEP = 1.0e-3  # m between neighbouring cells: run-outs end there, and lower ground beyond one is a free side
+MIN_UNLAID = 2e-6  # m2, smaller places are no places
 MIN_OVERRUN = 2.2e-3  # m that metal is laid over free sides at least
 BEAD_WIDTH_RATIO = 5 / 6  # of the usual bead width: narrower beads leave shallower valleys
 RMS_OVER_THICKNESS = (
@@ -175,9 +176,9 @@ def seen_from_aside(tops: np.ndarray, found: HeightGrid, nominal: HeightGrid) ->
 
 
 def unlaid(needed: np.ndarray, region: np.ndarray, missing: np.ndarray, spec: GridSpec) -> Unlaid:
-    """needed, region: bool, what needs and what gets metal; missing: m of metal."""
+    """needed, region: bool, what needs and what gets metal; missing: m of metal. Less than MIN_UNLAID is nothing."""
     out = needed & ~region
-    if not out.any():
+    if out.sum() * spec.resolution**2 <= MIN_UNLAID:
         return Unlaid(0.0, 0.0, 0.0, math.nan, math.nan)
     depth = np.where(out, np.nan_to_num(missing, nan=0.0), -np.inf)
     row, col = np.unravel_index(int(np.argmax(depth)), depth.shape)

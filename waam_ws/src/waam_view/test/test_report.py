@@ -303,6 +303,19 @@ def test_a_demo_on_a_robot_shows_the_gantry_beside_it(demo, tmp_path):
     assert '<h2>Robot and gantry</h2>' in page_of(folder, alone, {}, **added)
 
 
+def test_a_demo_links_the_part_that_is_machined_afterwards(demo, tmp_path):
+    source, whole, page = demo
+    assert 'machined afterwards' not in page
+    run = {**whole['closed_loop'], 'verdict': 'cleans up', 'message': 'cleans up: 99.9% <b>'}
+    second = run | {'part': 'die_nominal.stl', 'folder': 'a_machined'}
+    folder = shutil.copytree(source, tmp_path / 'demo')
+    section = section_of(
+        page_of(folder, whole, {}, second=second), 'A part that is machined afterwards'
+    )
+    assert 'die_nominal.stl' in section and 'cleans up: 99.9% &lt;b&gt;' in section
+    assert 'href="a_machined/report.html"' in section
+
+
 def test_print_rules_are_for_what_the_pages_hold(job, demo):
     """Every class and tag that the print block names occurs in a page, and what breaks badly has a rule."""
     text = job[2] + demo[2]

@@ -51,12 +51,11 @@ def _second(report: dict) -> str:
     run = report.get('second')
     if not isinstance(run, dict):
         return ''
-    word = str(run.get('verdict') or 'failed').partition(': ')[0]
     link = escape(f'{run.get("folder")}/{job_folder.REPORT_PAGE}')
-    said = escape(str(run.get('message') or ''))
+    said = escape(str(run.get('message') or run.get('verdict') or ''))
     return (
         f'<h2>A part that is machined afterwards</h2><p>{escape(str(run.get("part") or ""))}, closed loop, finish '
-        f'machined: <b class={VERDICTS.get(word, "bad")}>{escape(word)}</b>. {said}. '
+        f'machined: {said}. '
         f'<a href="{link}">Its report</a> has the forecast beside the outcome and what is left to machine.</p>'
     )
 

@@ -70,7 +70,7 @@ def plan_restoration(
     _warn(job, planned, use == total, nominal, warnings)
     plan = _plan(job, planned, as_found, nominal, below, warnings)
     left = finish.unlaid(needed, plan.region, nominal.z - found, nominal.spec)
-    if left.area > SPOT:
+    if left.area:
         warnings.append(left.text)
     plan.remarks.extend([*_remarks(job.schedule, filled, settings), *remarks])
     return plan
