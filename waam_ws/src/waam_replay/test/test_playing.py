@@ -12,16 +12,32 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
 
 from waam_node.testing import fresh_domain
 from waam_record.bag_writer import BagWriter, Topic
 from waam_record.definitions import ament_prefixes, full_text
+from waam_replay.play_clock import PlayClock
 from waam_replay.player_node import offered
-from waam_replay.playlist import Playlist, Wanted, against_live
+from waam_replay.playlist import Playlist, Wanted, against_live, parse_remap
 
 DOMAIN = fresh_domain()
 T0 = 1_700_000_000 * 10**9
+
+
+def test_clock_runs_pauses_and_jumps():
+    clock = PlayClock(1000, 2.0, False, now=10.0)
+    assert clock.now_ns(11.0) == 1000 + 2 * 10**9
+    clock.pause(11.0)
+    assert clock.now_ns(50.0) == 1000 + 2 * 10**9
+    clock.resume(60.0)
+    clock.set_rate(0.5, 61.0)
+    assert clock.now_ns(63.0) == 1000 + 5 * 10**9
+    clock.seek(7, 100.0)
+    assert clock.now_ns(100.0) == 7
+    with pytest.raises(ValueError, match='rate is 0'):
+        clock.set_rate(0.0, 100.0)
 
 
 def text(value: str) -> bytes:
@@ -56,6 +72,14 @@ def test_commands_are_never_published_unless_forced(record):
     assert set(forced) == {'/a', '/b', '/held', '/override', '/heartbeat'}
 
 
+def test_a_remapped_command_is_judged_by_where_it_goes(record):
+    away = Wanted(remap=parse_remap(['/override:=/replay/seen']))
+    assert '/override' in Playlist(record, away).allowed(set())[0]
+    into = Wanted(remap=parse_remap(['a:=override']))
+    chosen, refused = Playlist(record, into).allowed(set())
+    assert '/a' not in chosen and 'commands a machine' in refused['/a']
+
+
 def test_topics_that_others_publish_are_left_out(record):
     chosen, refused = Playlist(record, Wanted()).allowed({'/a'})
     assert '/a' not in chosen and 'has a publisher' in refused['/a']
@@ -72,15 +96,18 @@ def test_a_graph_with_a_machine_gets_named_topics_and_nothing_by_force():
 
 def test_choice_and_its_errors(record):
     assert set(Playlist(record, Wanted(topics=('a',))).allowed(set())[0]) == {'/a'}
+    assert set(Playlist(record, Wanted(exclude='a|held')).allowed(set())[0]) == {'/b'}
     with pytest.raises(ValueError, match="no topic 'nothing'"):
         Playlist(record, Wanted(topics=('nothing',)))
+    with pytest.raises(ValueError, match='from:=to'):
+        parse_remap(['a=b'])
 
 
-def test_messages_from_a_moment_on(record):
-    playlist = Playlist(record, Wanted())
+def test_messages_from_and_until(record):
+    playlist = Playlist(record, Wanted(until=3.0))
     found = [m.log_time for _, m in playlist.messages({'/a', '/b'}, T0 + 10**9)]
-    assert found == sorted(found) and len(found) == 2 * 90
-    assert found[0] == T0 + 10**9 and found[-1] == T0 + 99 * 10**8
+    assert found == sorted(found) and len(found) == 2 * 21
+    assert found[0] == T0 + 10**9 and found[-1] == T0 + 3 * 10**9
     topics, _ = playlist.allowed(set())
     assert [n for n, _ in playlist.latched_before(topics, T0 + 10**9)] == ['/held']
     assert playlist.latched_before(topics, T0) == []
@@ -144,6 +171,18 @@ class Listener:
             assert time.monotonic() < end, f'timeout; got {self.got}'
             self.executor.spin_once(timeout_sec=0.05)
 
+    def trigger(self, name: str) -> Trigger.Response:
+        """Repeated until answered; pause and resume may be asked twice."""
+        client = self.node.create_client(Trigger, f'player/{name}')
+        self.until(client.service_is_ready)
+        while True:
+            future = client.call_async(Trigger.Request())
+            end = time.monotonic() + 3
+            while not future.done() and time.monotonic() < end:
+                self.executor.spin_once(timeout_sec=0.05)
+            if future.done():
+                return future.result()
+
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.terminate()
@@ -166,17 +205,14 @@ def listener():
 
 
 def test_everything_comes_in_order_and_the_player_ends(listener, record):
-    g = listener(f'record:={record}', 'rate:=5.0', 'start:=1.0')
+    g = listener(f'record:={record}', 'rate:=20.0', 'paused:=true')
+    g.until(lambda: all(g.node.count_publishers(n) for n in ('/a', '/b', '/held')))
+    time.sleep(1.5)  # for the player to find the listener as well
+    assert g.trigger('resume').success
     g.until(lambda: g.process.poll() is not None)
-    g.until(lambda: '99' in g.got['/a'] and '99' in g.got['/b'])
+    g.until(lambda: len(g.got['/a']) >= 100 and len(g.got['/b']) >= 100)
     assert g.process.returncode == 0
-    for name in (
-        '/a',
-        '/b',
-    ):  # the first ones may be lost on a busy machine, while the listener is found
-        assert len(g.got[name]) > 60
-        assert g.got[name] == [str(i) for i in range(100 - len(g.got[name]), 100)]
-        assert int(g.got[name][0]) >= 10
+    assert g.got['/a'] == g.got['/b'] == [str(i) for i in range(100)]
     assert g.got['/held'] == ['held']
     assert g.got['/override'] == g.got['/heartbeat'] == []
     assert T0 + 9 * 10**9 <= g.clock <= T0 + 10 * 10**9
@@ -210,3 +246,27 @@ def test_a_player_refuses_the_domain_of_a_bridge(record, tmp_path):
     finally:
         bridge.destroy_node()
         context.try_shutdown()
+
+
+def test_pause_step_seek_and_rate(listener, record):
+    g = listener(f'record:={record}', 'paused:=true', 'topics:=/a')
+    assert g.trigger('pause').success
+    time.sleep(0.3)
+    g.executor.spin_once(timeout_sec=0.2)
+    # nor what lies at the beginning itself, when the listener was found in time
+    assert g.got['/a'] == []
+    assert g.trigger('step').success
+    g.until(lambda: g.got['/a'])
+    assert set(g.got['/a']) <= {'0', '1'}  # a repeated question is a second step
+    seek = g.node.create_publisher(Float64, 'player/seek', 10)
+    rate = g.node.create_publisher(Float64, 'player/rate', 10)
+    g.until(lambda: seek.get_subscription_count() and rate.get_subscription_count())
+    seek.publish(Float64(data=9.0))
+    rate.publish(Float64(data=50.0))
+    g.until(lambda: g.clock >= T0 + 9 * 10**9)
+    g.got['/a'].clear()
+    assert g.trigger('resume').success
+    g.until(lambda: g.process.poll() is not None)
+    g.until(lambda: '99' in g.got['/a'])
+    # the message at 9.0 s itself may have come with the seek
+    assert g.got['/a'][-9:] == [str(i) for i in range(91, 100)] and set(g.got['/a'][:-9]) <= {'90'}

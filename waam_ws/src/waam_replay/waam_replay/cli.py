@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +29,13 @@ commanded on it and what that layer would have become, not a new history of the 
 PLAY: dict[str, dict[str, Any]] = {
     'rate': {'type': float, 'default': 1.0, 'help': 'recorded seconds per second (default 1)'},
     'topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
+    'exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    'remap': {'action': 'append', 'default': [], 'metavar': 'FROM:=TO'},
     'start': {'type': float, 'default': 0.0, 'help': 's after the beginning of the record'},
+    'until': {'type': float, 'default': 0.0, 'help': 's after the beginning; 0 = to the end'},
+    'paused': {'action': 'store_true', 'help': 'begin paused (go on with the service player/resume)'},
     'force': {'action': 'store_true', 'help': 'also topics that command a machine'},
 }  # fmt: skip
-PLAYER = 'from waam_replay.player_node import main; main()'
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -201,25 +203,12 @@ def _print(result: Tuning) -> None:
 
 
 def _play(args: argparse.Namespace) -> int:
-    """The player as a process of its own, until the record is over or Ctrl-C; its exit status."""
-    from waam_record.read_record import record_folder
+    from .play_command import play
 
     try:
-        record = record_folder(args.job).resolve()
-    except ValueError as e:
+        return play(args)
+    except (ValueError, OSError) as e:
         return _error(e)
-    values = {
-        'record': f"'{record}'", 'rate': args.rate, 'start': args.start, 'force': str(args.force).lower(),
-    }  # fmt: skip
-    if args.topics:
-        values['topics'] = f"'{' '.join(args.topics)}'"
-    given = [word for k, v in values.items() for word in ('-p', f'{k}:={v}')]
-    env = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **os.environ}
-    command = [sys.executable, '-c', PLAYER, '--ros-args', *given]
-    try:
-        return subprocess.run(command, env=env, check=False).returncode
-    except KeyboardInterrupt:
-        return 130
 
 
 def _error(text: object) -> int:

@@ -27,6 +27,10 @@ class Wanted:
     """What the user asked for."""
 
     topics: tuple[str, ...] = ()  # names; empty = all
+    exclude: str = ''  # regular expression
+    remap: tuple[tuple[str, str], ...] = ()  # recorded to published names
+    start: float = 0.0  # s after the beginning
+    until: float = 0.0  # s after the beginning; 0 = end
     force: bool = False  # commands and topics of others too
 
 
@@ -42,6 +46,17 @@ def against_live(nodes: set[str], wanted: Wanted) -> str:
     )
 
 
+def parse_remap(texts: list[str]) -> tuple[tuple[str, str], ...]:
+    """`from:=to` texts; ValueError names the one that is not."""
+    pairs = []
+    for text in texts:
+        old, separator, new = text.partition(':=')
+        if not (separator and old and new):
+            raise ValueError(f"remap '{text}' is not of the form from:=to")
+        pairs.append((_absolute(old), _absolute(new)))
+    return tuple(pairs)
+
+
 def _absolute(name: str) -> str:
     return name if name.startswith('/') else f'/{name}'
 
@@ -53,10 +68,21 @@ class Playlist:
         self.files, self.wanted = bag_files(folder), wanted
         self.first_ns = min(info(f).first_ns for f in self.files)
         self.last_ns = max(info(f).last_ns for f in self.files)
+        self._names = dict(wanted.remap)
         known = {t.name: t for f in self.files for t in topics_of(f)}
         if missing := [t for t in wanted.topics if _absolute(t) not in known]:
             raise ValueError(f"the record has no topic '{missing[0]}'; see: waam record info")
         self._known = known
+
+    @property
+    def until_ns(self) -> int:
+        """Recorded time at which the replay ends."""
+        w = self.wanted
+        return self.first_ns + round(w.until * 1e9) if w.until > 0 else self.last_ns
+
+    def published_name(self, topic: str) -> str:
+        """After `remap`; the recorded name when it is not remapped."""
+        return self._names.get(topic, topic)
 
     def allowed(self, taken: set[str]) -> tuple[dict[str, Topic], dict[str, str]]:
         """Topics to publish, by recorded name; and those left out although they were wanted, with the reason.
@@ -68,19 +94,24 @@ class Playlist:
         for name, topic in self._known.items():
             if NEVER.search(name) or (named and name not in named):
                 continue
-            if not self.wanted.force and COMMANDS.search(name):
+            if self.wanted.exclude and re.search(self.wanted.exclude, name):
+                continue
+            target = self.published_name(name)
+            if not self.wanted.force and COMMANDS.search(target):
                 refused[name] = 'commands a machine (--force publishes it)'
-            elif not self.wanted.force and name in taken:
-                refused[name] = 'has a publisher in this graph (--force publishes it)'
+            elif not self.wanted.force and target in taken:
+                refused[name] = f'{target} has a publisher in this graph (--remap or --force)'
             else:
                 chosen[name] = topic
         return chosen, refused
 
     def messages(self, names: set[str], from_ns: int) -> Iterator[tuple[str, Message]]:
-        """Messages of these topics by log time, from `from_ns`."""
+        """Messages of these topics by log time, from `from_ns` to the end that was asked for."""
         start = (from_ns - self.first_ns) * 1e-9
         selection = Selection(topics=tuple(names), start=start)
         for topic, message in messages(self.files, selection):
+            if message.log_time > self.until_ns:
+                return
             if message.log_time >= from_ns:
                 yield topic.name, message
 
