@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from waam_archive.archive import Archive
+from waam_archive.archive import Archive, SqlError
 from waam_archive.catalog import ArchiveError
 from waam_archive.ingest import ingest
 from waam_archive.rows import Told, all_rows
@@ -138,6 +138,15 @@ def test_a_question_to_a_damaged_archive_is_an_error_with_the_way_out(pristine, 
     marker.write_text(marker.read_text().replace('"stamp"', '"stomp"', 1))
     with pytest.raises(ArchiveError, match=str(marker)):
         Archive(tmp_path / 'a').jobs(Selection())
+
+
+def test_sql_over_a_damaged_file_names_it(pristine, tmp_path):
+    shutil.copytree(pristine / 'archive', tmp_path / 'a')
+    file = sorted((tmp_path / 'a/telemetry').iterdir())[0]
+    file.write_bytes(file.read_bytes()[:-10])
+    with pytest.raises(SqlError, match=f'{file.name}.*verify --repair'):
+        Archive(tmp_path / 'a').sql('SELECT avg(current_A) FROM telemetry')
+    assert Archive(tmp_path / 'a').sql('SELECT count(*) FROM jobs')[1] == [(2,)]
 
 
 def test_a_writer_leaves_an_archive_with_a_damaged_marker_alone(pristine, tmp_path):

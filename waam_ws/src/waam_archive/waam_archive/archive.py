@@ -193,10 +193,10 @@ class Archive:
             result = db.execute(query)
             columns = [d[0] for d in result.description or []]
             return columns, result.fetchmany(limit) if limit else result.fetchall()
-        except (duckdb.IOException, FileNotFoundError) as e:
-            raise SqlError(f'{_first_line(e)}; waam jobs verify --repair') from None
-        except duckdb.Error as e:
-            raise SqlError(_first_line(e)) from None
+        except (duckdb.Error, FileNotFoundError) as e:
+            ours = str(self.store.root.resolve()) in str(e)
+            hint = '; waam jobs verify --repair' if ours else ''
+            raise SqlError(f'{_first_line(e)}{hint}') from None
         finally:
             if db is not None:
                 db.close()

@@ -217,7 +217,7 @@ def longest_silence(g: Graph, act) -> float:
 
 
 def test_a_slow_disk_never_silences_the_node(graph, tmp_path):
-    g = graph(program=SLOW_DISK.format(seconds=2.0) + START)
+    g = graph(program=SLOW_DISK.format(seconds=1.5) + START)
     folder = str(tmp_path / 'record')
 
     def record() -> None:
@@ -231,7 +231,7 @@ def test_a_slow_disk_never_silences_the_node(graph, tmp_path):
 
 
 def test_stop_answers_although_the_disk_does_not_and_the_next_start_need_not_wait(graph, tmp_path):
-    g = graph(program=SLOW_DISK.format(seconds=1.5) + STOP_SOON + START)
+    g = graph(program=SLOW_DISK.format(seconds=1.0) + STOP_SOON + START)
     assert g.call(Record.Request.START, directory=str(tmp_path / 'first')).success
     answer = g.call(Record.Request.STOP)
     assert not answer.success and 'first is not closed yet' in answer.message

@@ -25,7 +25,7 @@ os.fsync = blocked
 import waam_record.node_thread
 waam_record.node_thread.START_S = {start_s}
 """
-CLIENT_DIES = 'import waam_record.node_thread\nwaam_record.node_thread.CLIENT_SILENT_S = 2.0\n'
+CLIENT_DIES = 'import waam_record.node_thread\nwaam_record.node_thread.CLIENT_SILENT_S = 1.5\n'
 
 
 def send(g, code, **fields):
@@ -36,8 +36,8 @@ def size(folder: Path) -> int:
     return sum(f.stat().st_size for f in folder.rglob('*') if f.is_file())
 
 
-def grows(g, telemetry, folder: Path, seconds: float = 2.5) -> bool:
-    """Whether anything in the folder changes while messages go on."""
+def grows(g, telemetry, folder: Path, seconds: float = 1.8) -> bool:
+    """Whether anything in the folder changes while messages go on; a chunk is written every 0.8 s."""
     before, end = size(folder), time.monotonic() + seconds
     while time.monotonic() < end:
         telemetry.publish(Telemetry(arc_current=time.monotonic()))
@@ -170,9 +170,9 @@ def test_a_recording_ends_with_its_client(graph, tmp_path):
     folder = tmp_path / 'record'
     ours = ['client=job_sequencer@cell:1:aa']
     assert g.call(Record.Request.START, directory=str(folder), custom_data=ours).success
-    live('job_sequencer@cell:1:aa', 4.0)
+    live('job_sequencer@cell:1:aa', 3.0)
     assert not any('ended' in text for text in told)
-    live('job_sequencer@cell:2:bb', 4.0)  # the one after it by the same name is another process
+    live('job_sequencer@cell:2:bb', 2.5)  # the one after it by the same name is another process
     g.spin_until(lambda: any('gave no sign of life' in text for text in told), 30)
     assert check(folder).sound and not grows(g, telemetry, folder)
     assert 'gave no sign of life' in info(folder).custom_data['ended']

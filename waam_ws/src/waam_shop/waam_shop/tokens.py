@@ -23,7 +23,6 @@ PREFIX = 'waam'
 ID = re.compile(r'[0-9a-f]{8}')
 NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9 ._@-]{0,39}')
 HASH = re.compile(r'[0-9a-f]{64}')
-SECRET = re.compile(r'[A-Za-z0-9_-]{43}')
 VERSION = 1
 
 
