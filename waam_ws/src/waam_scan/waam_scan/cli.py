@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,8 @@ def register(commands: Verbs) -> None:
         ('files', Path, '', 'FILE', {'nargs': '+'}),
     )  # fmt: skip
     add(
-        'calibrate', calibrate, 'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG,
+        'calibrate', command('calibration_report', 'calibrate_files'),
+        'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG,
         ('artefact', Path, 'YAML file of the artefact', 'ARTEFACT'),
         ('scans', Path, 'recording or NPZ file of one pass', 'SCAN', {'nargs': '+'}),
         ('--out', Path('calibration.yaml'), 'default calibration.yaml', None, {'type': Path}),
@@ -143,7 +145,8 @@ def register(commands: Verbs) -> None:
         ('--accept-unobserved', False, 'keep the start value where the scans show nothing, instead of refusing'),
     )  # fmt: skip
     add(
-        'register', align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
+        'register', command('registration_report', 'register_files'),
+        'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
         ('scan', Path, 'cloud or map', 'SCAN'), ('reference', Path, 'cloud, map or mesh', 'REFERENCE'),
         ('--change', 'growth', f'{HOW} (default growth)', None, CHANGES), *MOTION,
         ('--search', False, 'the part may lie anywhere, turned about z by any angle'),
@@ -151,7 +154,8 @@ def register(commands: Verbs) -> None:
         ('--moved', False, 'also write the moved cloud as PLY (mm)'),
     )  # fmt: skip
     add(
-        'compare', compare, 'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG,
+        'compare', command('compare_report', 'compare_files'),
+        'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG,
         ('nominal', Path, 'mesh: STL, PLY, OBJ or OFF', 'NOMINAL'), ('scan', Path, 'cloud or map', 'SCAN'),
         ('--allowance', 0.0, 'machining allowance on top of nominal (default 0)', 'MM'),
         ('--cell', 0.5, 'edge of a cell (default 0.5)', 'MM'), ('--register', False, 'align the scan first'),
@@ -254,22 +258,10 @@ def info(args: argparse.Namespace) -> None:
     tell(left_out)
 
 
-def calibrate(args: argparse.Namespace) -> None:
-    """Refuses a motion that does not show the pose."""
-    from .commands.calibration_report import calibrate_files
+def command(module: str, name: str) -> Callable[[argparse.Namespace], None]:
+    """A function of `commands`, loaded when it runs."""
 
-    calibrate_files(args)
+    def run(args: argparse.Namespace) -> None:
+        getattr(import_module(f'.commands.{module}', __package__), name)(args)
 
-
-def align(args: argparse.Namespace) -> None:
-    """Registration."""
-    from .commands.registration_report import register_files
-
-    register_files(args)
-
-
-def compare(args: argparse.Namespace) -> None:
-    """Missing metal."""
-    from .commands.compare_report import compare_files
-
-    compare_files(args)
+    return run

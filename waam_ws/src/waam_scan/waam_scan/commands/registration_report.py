@@ -15,7 +15,7 @@ from ..registration.solve import register
 from ..registration.target import Cloud, CloudTarget, MeshTarget, Target
 
 
-def register_files(args: argparse.Namespace) -> int:
+def register_files(args: argparse.Namespace) -> None:
     """Reads two clouds, or a cloud and a mesh, registers, writes."""
     scan, reference = args.scan, args.reference
     cloud = Cloud.of(load_points(scan, args.scale), seed=args.seed)
@@ -28,7 +28,6 @@ def register_files(args: argparse.Namespace) -> int:
     if args.moved:
         save_cloud(args.out / 'moved.ply', result.apply(load_points(scan, args.scale)))
     print(f'written: {args.out}')
-    return 0
 
 
 def load_target(path: Path, scale: float, seed: int) -> tuple[Target, np.ndarray]:
