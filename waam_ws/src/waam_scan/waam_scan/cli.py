@@ -43,12 +43,6 @@ examples:
   waam scan picture jobs/latest/layers/scan_003.npz                  writes scan_003.png beside it
   waam scan picture maps/scan_002.npz --png wall.png --ply wall.ply --range -0.5 7
 """
-INFO_EPILOG = """\
-Knows maps and passes (.npz) and clouds (.pcd, .ply, .xyz, .npy); of recordings: waam record info.
-
-example:
-  waam scan info wall.pcd jobs/latest/layers/scan_000.npz
-"""
 CALIBRATE_EPILOG = """\
 ARTEFACT.yaml describes a body of known shape on the table and where it stands in work coordinates, in mm:
   kind: block                     a truncated pyramid: one artefact that shows everything
@@ -131,10 +125,6 @@ def register(commands: Verbs) -> None:
         ('map', Path, 'NPZ file of a map'), ('--png', Path, 'picture to write (default: beside the map)'),
         ('--ply', Path, 'PLY mesh to write (mm)'),
         ('--range', float, 'colour range in mm', ('LOW', 'HIGH'), {'nargs': 2}),
-    )  # fmt: skip
-    add(
-        'info', info, 'what a map, a pass or a cloud holds', INFO_EPILOG,
-        ('files', Path, '', 'FILE', {'nargs': '+'}),
     )  # fmt: skip
     add(
         'calibrate', command('calibration_report', 'calibrate_files'),
@@ -244,23 +234,6 @@ def picture(args: argparse.Namespace) -> None:
     if args.ply:
         save_ply(args.ply, grid.spec, grid.z)
         print(args.ply)
-
-
-def info(args: argparse.Namespace) -> None:
-    """One line per file; one that cannot be read is named and the rest goes on."""
-    from .commands.file_info import describe
-    from .left_out import LeftOut, tell
-
-    left_out, told = LeftOut(), 0
-    for path in args.files:
-        try:
-            print(f'{path}: {describe(path)}')
-            told += 1
-        except ValueError as e:
-            left_out.add('file', path, '', e)
-    if not told:
-        raise left_out.nothing_left(', '.join(map(str, args.files)))
-    tell(left_out)
 
 
 def command(module: str, name: str) -> Callable[[argparse.Namespace], None]:
