@@ -49,7 +49,7 @@ def heard(line: str, process: subprocess.Popen) -> None:
 def test_the_second_node_by_a_name_ends_and_says_why(start):
     first = start()
     heard('priority', first)
-    time.sleep(2.0)  # so that it is the older one by more than the clocks' second
+    time.sleep(1.1)  # so that it is the older one by more than the clocks' second
     second = start()
     _, said = second.communicate(timeout=60)
     assert second.returncode == 2
@@ -63,9 +63,9 @@ def test_one_that_was_killed_keeps_nobody_from_starting_again(start):
     heard('priority', first)
     first.send_signal(signal.SIGKILL)
     first.wait()
-    second = start('waam_node.namesake.YOUNG_S = 5.0')
+    second = start('waam_node.namesake.YOUNG_S = 3.0')
     heard('priority', second)
-    time.sleep(8.0)
+    time.sleep(4.5)
     assert second.poll() is None
 
 

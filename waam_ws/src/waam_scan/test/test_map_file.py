@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scan_cli import run
 
 from waam_process.grid import GridSpec
 from waam_scan.left_out import LeftOut, NothingLeft
@@ -41,15 +40,3 @@ def test_many_bad_ones_are_counted_not_listed():
     assert '488 more of its profiles, the last one line 504' in lines[-2]
     assert lines[-1] == '500 profiles left out; the rest is used'
     assert isinstance(left_out.nothing_left('x'), NothingLeft)
-
-
-def test_info_names_a_bad_file_and_goes_on(tmp_path, capsys):
-    good, bad = tmp_path / 'good.npy', tmp_path / 'bad.csv'
-    np.save(good, np.random.default_rng(0).uniform(size=(500, 3)))
-    bad.write_text('dust')
-    assert run('info', bad, good) == 0
-    said = capsys.readouterr()
-    assert 'cloud of 500 points' in said.out and f'left out: {bad}' in said.err
-    assert 'waam record import' in said.err and '1 file left out' in said.err
-    assert run('info', bad) == 1
-    assert capsys.readouterr().err.count('\n') == 1

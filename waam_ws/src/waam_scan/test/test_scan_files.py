@@ -184,18 +184,6 @@ def test_a_folder_of_other_logs_is_sent_to_import(tmp_path, capsys):
     assert str(tmp_path) in error and 'waam record import' in error and 'Traceback' not in error
 
 
-def test_info_tells_what_a_file_holds(tmp_path, capsys):
-    write_pass(tmp_path / 'p.npz')
-    write_cloud(tmp_path / 'c.ply', cloud(500), 'binary')
-    assert run('fuse', tmp_path / 'p.npz', '--cell', 0.5, '--out', tmp_path / 'm', *MOUNT) == 0
-    capsys.readouterr()
-    assert run('info', tmp_path / 'p.npz', tmp_path / 'c.ply', tmp_path / 'm/p.npz') == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert 'pass of 395 profiles of 200 points' in lines[0] and '205 poses' in lines[0]
-    assert 'cloud of 500 points' in lines[1]
-    assert 'map of ' in lines[2] and ' holes' in lines[2]
-
-
 def test_calibration_goes_on_without_a_bad_pass(tmp_path, capsys):
     from waam_scan.commands.calibration_report import read_passes
 

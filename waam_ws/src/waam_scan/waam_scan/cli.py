@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -41,12 +42,6 @@ PICTURE_EPILOG = """\
 examples:
   waam scan picture jobs/latest/layers/scan_003.npz                  writes scan_003.png beside it
   waam scan picture maps/scan_002.npz --png wall.png --ply wall.ply --range -0.5 7
-"""
-INFO_EPILOG = """\
-Knows maps and passes (.npz) and clouds (.pcd, .ply, .xyz, .npy); of recordings: waam record info.
-
-example:
-  waam scan info wall.pcd jobs/latest/layers/scan_000.npz
 """
 CALIBRATE_EPILOG = """\
 ARTEFACT.yaml describes a body of known shape on the table and where it stands in work coordinates, in mm:
@@ -132,11 +127,8 @@ def register(commands: Verbs) -> None:
         ('--range', float, 'colour range in mm', ('LOW', 'HIGH'), {'nargs': 2}),
     )  # fmt: skip
     add(
-        'info', info, 'what a map, a pass or a cloud holds', INFO_EPILOG,
-        ('files', Path, '', 'FILE', {'nargs': '+'}),
-    )  # fmt: skip
-    add(
-        'calibrate', calibrate, 'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG,
+        'calibrate', command('calibration_report', 'calibrate_files'),
+        'scanner pose and time offset from scans of a known artefact', CALIBRATE_EPILOG,
         ('artefact', Path, 'YAML file of the artefact', 'ARTEFACT'),
         ('scans', Path, 'recording or NPZ file of one pass', 'SCAN', {'nargs': '+'}),
         ('--out', Path('calibration.yaml'), 'default calibration.yaml', None, {'type': Path}),
@@ -146,7 +138,8 @@ def register(commands: Verbs) -> None:
         ('--accept-unobserved', False, 'keep the start value where the scans show nothing, instead of refusing'),
     )  # fmt: skip
     add(
-        'register', align, 'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
+        'register', command('registration_report', 'register_files'),
+        'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
         ('clouds', Path, 'SCAN REFERENCE, or frames', 'SCAN', {'nargs': '+'}),
         ('--change', 'growth', f'{HOW} (default growth)', None, CHANGES), *MOTION,
         ('--search', False, 'the part may lie anywhere, turned about z by any angle'),
@@ -156,7 +149,8 @@ def register(commands: Verbs) -> None:
         ('--moved', False, 'also write the moved cloud as PLY (mm)'),
     )  # fmt: skip
     add(
-        'compare', compare, 'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG,
+        'compare', command('compare_report', 'compare_files'),
+        'missing metal between a scan and the nominal STL, for the planner', COMPARE_EPILOG,
         ('nominal', Path, 'mesh: STL, PLY, OBJ or OFF', 'NOMINAL'), ('scan', Path, 'cloud or map', 'SCAN'),
         ('--allowance', 0.0, 'machining allowance on top of nominal (default 0)', 'MM'),
         ('--cell', 0.5, 'edge of a cell (default 0.5)', 'MM'), ('--register', False, 'align the scan first'),
@@ -242,39 +236,10 @@ def picture(args: argparse.Namespace) -> None:
         print(args.ply)
 
 
-def info(args: argparse.Namespace) -> None:
-    """One line per file; one that cannot be read is named and the rest goes on."""
-    from .commands.file_info import describe
-    from .left_out import LeftOut, tell
+def command(module: str, name: str) -> Callable[[argparse.Namespace], None]:
+    """A function of `commands`, loaded when it runs."""
 
-    left_out, told = LeftOut(), 0
-    for path in args.files:
-        try:
-            print(f'{path}: {describe(path)}')
-            told += 1
-        except ValueError as e:
-            left_out.add('file', path, '', e)
-    if not told:
-        raise left_out.nothing_left(', '.join(map(str, args.files)))
-    tell(left_out)
+    def run(args: argparse.Namespace) -> None:
+        getattr(import_module(f'.commands.{module}', __package__), name)(args)
 
-
-def calibrate(args: argparse.Namespace) -> None:
-    """Refuses a motion that does not show the pose."""
-    from .commands.calibration_report import calibrate_files
-
-    calibrate_files(args)
-
-
-def align(args: argparse.Namespace) -> None:
-    """Registration or odometry."""
-    from .commands.registration_report import register_files
-
-    register_files(args)
-
-
-def compare(args: argparse.Namespace) -> None:
-    """Missing metal."""
-    from .commands.compare_report import compare_files
-
-    compare_files(args)
+    return run

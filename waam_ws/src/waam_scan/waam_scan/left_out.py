@@ -15,7 +15,7 @@ class NothingLeft(ValueError):
 
 @dataclass(frozen=True)
 class Item:
-    """One thing that is not used. kind: 'scan', 'profile', 'line' or 'file'; place: 'line 17', or '' = all of it."""
+    """One thing that is not used. kind: 'scan', 'profile' or 'block'; place: 'profile 17', or '' = all of it."""
 
     kind: str
     file: str

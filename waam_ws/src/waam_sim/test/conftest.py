@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import socket
 import struct
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from waam_sim.metal_params import MetalParams
 from waam_sim.plant import Plant, PlantParams, warm_up
 
 STEP, ANSWER = struct.Struct('<IIQ'), struct.Struct('<IIddddII')
+
+sys.path.insert(0, str(Path(__file__).parent))  # helpers are importable by name
 
 
 class FakeController:

@@ -8,34 +8,23 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from laid_beads import WIRE, across, pad, track
 
 from waam_sim.disturbance import AREA_LAYER, lattice, noise
 from waam_sim.drive import Drive
 from waam_sim.metal import dig_crater
 from waam_sim.plant import OUTPUT_ARC, OUTPUT_GAS
 
-WIRE = 5 / 60
 PITCH = 4.38e-3
 fast = settings(
     max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 
-def section(plant, x: float) -> np.ndarray:
-    """Heights over the plate across the part at x."""
-    column = int(plant.metal.spec.cell(x, 0.03)[1])
-    return plant.metal.z[:, column] - 0.02
-
-
-def track(length: float, y: float, z: float, back: bool) -> list:
-    ends = [(0.05 - length / 2, y, z), (0.05 + length / 2, y, z)]
-    return ends[::-1] if back else ends
-
-
 def test_section_of_a_single_bead_is_a_parabola(make_cell):
     plant = make_cell()
-    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.06, 0.03, 0.02, False), 0.01, WIRE)
-    z, y = section(plant, 0.055), plant.metal.spec.y - 0.03
+    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.03, 0.02, length=0.06), 0.01, WIRE)
+    z, y = across(plant, 0.055), plant.metal.spec.y - 0.03
     area, height = z[z > 0].sum() * 4e-4, z.max()
     width = 1.5 * area / height
     parabola = np.maximum(height * (1 - (2 * y / width) ** 2), 0.0)
@@ -44,38 +33,20 @@ def test_section_of_a_single_bead_is_a_parabola(make_cell):
     assert width == pytest.approx(float(plant.metal.state['width'][0]), rel=0.05)
 
 
-def layer_heights(make_cell, beads: int, speed: float, layers: int, wait: float) -> np.ndarray:
-    """Growth of each layer in the middle of a wall (one bead) or pad, the torch following the surface."""
-    plant = make_cell()
-    drive = Drive(plant, (0.0, 0.0, 0.06))
-    spec = plant.metal.spec
-    half = max((beads - 1) / 2 * PITCH * 0.6, 2e-4) + 1e-4
-    middle = (np.abs(spec.x - 0.05) < 0.01)[None] & (np.abs(spec.y - 0.03) <= half)[:, None]
-    tops = [0.02]
-    for layer in range(layers):
-        path = []
-        for b in range(beads):
-            y = 0.03 + (b - (beads - 1) / 2) * PITCH
-            path += track(0.05, y, tops[-1], (b + layer) % 2 == 1)
-        drive.bead(path, speed, WIRE)
-        tops.append(float(plant.metal.z[middle].mean()))
-        drive.wait(wait)
-    return np.diff(tops)
-
-
 @pytest.mark.parametrize(
     ('beads', 'layers', 'used', 'low', 'high'), [(1, 6, 3, -0.45, -0.27), (7, 2, 1, -1.06, -0.85)]
 )
 def test_height_exponent_of_walls_and_pads(make_cell, beads, layers, used, low, high):
     speeds = (0.007, 0.012)
-    growth = [layer_heights(make_cell, beads, v, layers, 40.0)[-used:].mean() for v in speeds]
+    tops = [pad(make_cell(), beads, layers, PITCH, v) for v in speeds]
+    growth = [np.diff(t)[-used:].mean() for t in tops]
     exponent = math.log(growth[1] / growth[0]) / math.log(speeds[1] / speeds[0])
     assert low < exponent < high
 
 
 def test_open_loop_falls_short_of_the_table(make_cell):
     planned = 0.92 * math.pi / 4 * 1.2e-3**2 * WIRE / 0.010 / PITCH
-    growth = layer_heights(make_cell, 7, 0.010, 2, 60.0)
+    growth = np.diff(pad(make_cell(), 7, 2, PITCH, wait=60.0))
     assert 0.88 < growth.mean() / planned < 0.93
     assert growth[1] < growth[0], 'hot metal transfers less'
 
@@ -84,8 +55,8 @@ def test_neighbouring_beads_merge(make_cell):
     plant = make_cell()
     drive = Drive(plant, (0.0, 0.0, 0.05))
     for y in (0.03 - PITCH / 2, 0.03 + PITCH / 2):
-        drive.bead(track(0.05, y, 0.02, False), 0.01, WIRE)
-    z, y = section(plant, 0.055), plant.metal.spec.y
+        drive.bead(track(y, 0.02), 0.01, WIRE)
+    z, y = across(plant, 0.055), plant.metal.spec.y
     valley = z[np.abs(y - 0.03) < 3e-4].min()
     assert 0.7 * z.max() < valley < 0.99 * z.max()
 
@@ -95,16 +66,16 @@ def test_melt_prefers_the_valley(make_cell):
         plant = make_cell(levelling=levelling)
         groove = np.abs(plant.metal.spec.y - 0.03) < 1.6e-3
         plant.metal.z[groove] -= 1.2e-3
-        Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.05, 0.03, 0.02, False), 0.01, WIRE)
+        Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.03, 0.02), 0.01, WIRE)
         near = np.abs(plant.metal.spec.y - 0.03) < 2.4e-3
-        return float(np.ptp(section(plant, 0.055)[near]))
+        return float(np.ptp(across(plant, 0.055)[near]))
 
     assert relief(0.65) < 0.75 * relief(0.0)
 
 
 def test_start_hump_and_end_crater_move_metal_only(make_cell):
     plant = make_cell()
-    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.06, 0.03, 0.02, False), 0.01, WIRE)
+    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.03, 0.02, length=0.06), 0.01, WIRE)
     row = int(plant.metal.spec.cell(0.05, 0.03)[0])
     along, x = plant.metal.z[row] - 0.02, plant.metal.spec.x
     steady = along[np.abs(x - 0.05) < 0.005].mean()
@@ -155,9 +126,9 @@ def test_a_crater_leaves_no_needle(make_cell, fresh, width, angle):
     s['pool_x'], s['pool_y'], s['width'], s['height'] = 0.05, 0.03, width, height
     s['head_x'], s['head_y'], s['path'] = math.cos(angle), math.sin(angle), 0.1
     x, y = np.meshgrid(metal.spec.x, metal.spec.y)
-    for along, across, radius in fresh:
-        dx = x - 0.05 - width * (along * s['head_x'] - across * s['head_y'])
-        dy = y - 0.03 - width * (along * s['head_y'] + across * s['head_x'])
+    for along, aside, radius in fresh:
+        dx = x - 0.05 - width * (along * s['head_x'] - aside * s['head_y'])
+        dy = y - 0.03 - width * (along * s['head_y'] + aside * s['head_x'])
         disc = np.hypot(dx, dy) <= max(radius * width, 0.3e-3)
         metal.z[disc] = metal.solid[disc] + height
     before, volume = metal.z.copy(), metal.volume
@@ -170,8 +141,8 @@ def test_a_crater_leaves_no_needle(make_cell, fresh, width, angle):
 
 def test_metal_slumps_over_an_edge(make_cell):
     plant = make_cell()
-    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.06, 0.0585, 0.02, False), 0.01, WIRE)
-    z, y = section(plant, 0.055), plant.metal.spec.y
+    Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.0585, 0.02, length=0.06), 0.01, WIRE)
+    z, y = across(plant, 0.055), plant.metal.spec.y
 
     def height(at: float) -> float:
         return float(np.interp(at, y, z))
@@ -185,7 +156,7 @@ def test_the_arc_burns_on_at_the_edge_of_a_tall_part(make_cell):
     def laid(high: float) -> float:
         plant = make_cell(size=(0.1, 0.06, high))
         drive = Drive(plant, (0.0, 0.0, high + 0.03))
-        drive.bead(track(0.06, 0.0595, high, False), 0.01, WIRE)
+        drive.bead(track(0.0595, high, length=0.06), 0.01, WIRE)
         return plant.metal.deposited
 
     assert laid(0.12) == pytest.approx(laid(0.02), rel=0.05)
@@ -195,7 +166,7 @@ def test_the_arc_strikes_beside_a_slit_in_a_tall_part(make_cell):
     def laid(deep: float) -> float:
         plant = make_cell(size=(0.1, 0.06, 0.12))
         plant.metal.z[np.abs(plant.metal.spec.y - 0.03) < 0.7e-3] -= deep
-        Drive(plant, (0.0, 0.0, 0.15)).bead(track(0.04, 0.03, 0.12, False), 0.01, WIRE)
+        Drive(plant, (0.0, 0.0, 0.15)).bead(track(0.03, 0.12, length=0.04), 0.01, WIRE)
         return plant.metal.deposited
 
     assert laid(0.05) == pytest.approx(laid(0.0), rel=0.05)
@@ -222,7 +193,7 @@ def test_bead_area_scatters_by_five_per_cent(make_cell):
 def test_a_seed_fixes_everything(make_cell):
     def run(seed: int) -> tuple[np.ndarray, list]:
         plant = make_cell(seed=seed, noise=True)
-        readings = Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.02, 0.03, 0.02, False), 0.01, WIRE)
+        readings = Drive(plant, (0.0, 0.0, 0.05)).bead(track(0.03, 0.02, length=0.02), 0.01, WIRE)
         return plant.metal.z, readings
 
     (a, ra), (b, rb), (c, _) = run(5), run(5), run(6)

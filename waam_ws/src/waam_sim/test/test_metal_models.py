@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from laid_beads import WIRE, across, pad, track
 
 from waam_node.params import ParameterError, from_dict
 from waam_sim.config import CellParams, plant_params
@@ -17,39 +18,11 @@ from waam_sim.metal_params import MetalParams
 from waam_sim.part import plate
 from waam_sim.plant import Plant, PlantParams
 
-WIRE = 5 / 60
 PITCH = 4.2e-3  # m, 0.60 of a bead: that of the plans
 models = pytest.mark.parametrize('model', MODELS)
 fast = settings(
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-
-
-def across(plant, x: float) -> np.ndarray:
-    """Heights over the plate across the part at x."""
-    column = int(plant.metal.spec.cell(x, 0.03)[1])
-    return plant.metal.z[:, column] - 0.02
-
-
-def track(y: float, z: float, back: bool = False, length: float = 0.05) -> list:
-    ends = [(0.05 - length / 2, y, z), (0.05 + length / 2, y, z)]
-    return ends[::-1] if back else ends
-
-
-def pad(plant, beads: int, layers: int, pitch: float = PITCH) -> np.ndarray:
-    """(layers + 1,) m: mean height of the middle before and after the layers of a zig-zag."""
-    drive, spec = Drive(plant, (0.0, 0.0, 0.06)), plant.metal.spec
-    half = max((beads - 1) / 2 * pitch * 0.6, 2e-4) + 1e-4
-    middle = (np.abs(spec.x - 0.05) < 0.01)[None] & (np.abs(spec.y - 0.03) <= half)[:, None]
-    tops = [0.02]
-    for layer in range(layers):
-        path = []
-        for b in range(beads):
-            path += track(0.03 + (b - (beads - 1) / 2) * pitch, tops[-1], (b + layer) % 2 == 1)
-        drive.bead(path, 0.01, WIRE)
-        tops.append(float(plant.metal.z[middle].mean()))
-        drive.wait(40.0)
-    return np.array(tops)
 
 
 @pytest.fixture(scope='module')
@@ -147,7 +120,7 @@ def test_beads_are_wide_where_the_torch_is_slow(make_cell, model):
 @models
 def test_a_wall_grows_layer_by_layer(make_cell, model):
     plant = make_cell(model=model)
-    growth = np.diff(pad(plant, 1, 8))
+    growth = np.diff(pad(plant, 1, 8, PITCH))
     assert (growth > 1.0e-3).all() and (growth < 2.1e-3).all()
     assert growth[4:].std() < 0.05 * growth[4:].mean()
     z = across(plant, 0.05)
@@ -159,7 +132,7 @@ def test_a_wall_grows_layer_by_layer(make_cell, model):
 def test_parallel_beads_become_a_flat_layer(make_cell, model):
     plant = make_cell(model=model)
     before = plant.metal.volume
-    tops = pad(plant, 9, 2)
+    tops = pad(plant, 9, 2, PITCH)
     spec = plant.metal.spec
     middle = (np.abs(spec.x - 0.05) < 0.01)[None] & (np.abs(spec.y - 0.03) < 0.012)[:, None]
     assert plant.metal.z[middle].std() < 0.13e-3

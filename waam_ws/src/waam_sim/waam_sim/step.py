@@ -73,24 +73,15 @@ def _make_live(sources: int) -> Callable:
                 skin, hstate.origin_x, hstate.origin_y, h.cell,
                 x + AHEAD * mstate.head_x, y + AHEAD * mstate.head_y, h.ambient,
             )  # fmt: skip
+            melt = (
+                z, solid, touched, m, mstate, values, time, dt, x, y, height, lit, wire, power, base, ctwd, gas,
+            )  # fmt: skip
             if model == SECTIONS:
-                advance_sections(
-                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
-                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
-                    gas=gas,
-                )  # fmt: skip
+                advance_sections(*melt)
             elif model == FILM:
-                advance_film(
-                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
-                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
-                    gas=gas,
-                )  # fmt: skip
+                advance_film(*melt)
             else:
-                advance_metal(
-                    z=z, solid=solid, touched=touched, p=m, s=mstate, values=values, time=time, dt=dt, x=x, y=y,
-                    height_z=height, lit=lit, wire_speed=wire, power=power, temperature=base, ctwd=ctwd,
-                    gas=gas,
-                )  # fmt: skip
+                advance_metal(*melt)
             if mstate.portion > 0.0:
                 at_x, at_y = mstate.portion_x, mstate.portion_y
                 grow(skin, bulk, thickness, h, hstate, at_x, at_y, mstate.portion)

@@ -47,7 +47,7 @@ def read_passes(paths: list[Path]) -> list[Pass]:
     return found
 
 
-def calibrate_files(args: argparse.Namespace) -> int:
+def calibrate_files(args: argparse.Namespace) -> None:
     """Reads artefact and passes, writes calibration and picture. CalibrationError when the pose is not observed."""
     artefact = load_artefact(args.artefact)
     passes = read_passes(args.scans)
@@ -71,7 +71,6 @@ def calibrate_files(args: argparse.Namespace) -> int:
         )
     data = save_calibration(args.out, result, artefact.name, [p.name for p in passes])
     print(f'written: {args.out} (sha256 {data["sha256"][:12]}), {picture}')
-    return 0
 
 
 def table(result: Calibration) -> list[str]:

@@ -20,7 +20,7 @@ from .registration_report import align, lines
 LISTED = 8  # regions that are printed
 
 
-def compare_files(args: argparse.Namespace) -> int:
+def compare_files(args: argparse.Namespace) -> None:
     """Reads, aligns if asked, compares, writes."""
     if not 0.02 <= args.cell <= 20.0:
         raise ValueError(f'--cell {args.cell} mm is outside 0.02 .. 20 mm')
@@ -44,7 +44,6 @@ def compare_files(args: argparse.Namespace) -> int:
     print('\n'.join(table(result)))
     write(args.out, result, triangles, args.nominal.name, args.scan.name, aligned)
     print(f'written: {args.out}')
-    return 0
 
 
 def table(m: Missing) -> list[str]:

@@ -23,9 +23,9 @@ from ..stream.poses import PoseTrack
 from ..stream.profiles import ProfileBlock
 from ..stream.session import Session
 from ..transform import Mounting
-from .file_info import CLOUDS
 from .picture import save_ply, save_png
 
+CLOUDS = ('.pcd', '.ply', '.xyz', '.npy')
 MAX_MAP_CELLS = 4_000_000  # cells of a map
 MAX_GAP_NS = 100_000_000  # between two recorded poses
 BLOCK = 4096  # profiles per step

@@ -13,7 +13,7 @@ from ..registration.clouds import load_points, save_cloud
 from ..registration.odometry import Track, track
 
 
-def track_files(args: argparse.Namespace) -> int:
+def track_files(args: argparse.Namespace) -> None:
     """Reads the frames in the order given, tracks, writes trajectory.json, merged.ply and trajectory.png."""
     from rich.progress import Progress
 
@@ -34,7 +34,6 @@ def track_files(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     write(args.out, found, frames, [p.name for p in clouds])
     print(f'written: {args.out}')
-    return 0
 
 
 def _frames(paths: list[Path], scale: float) -> tuple[list[Path], list[np.ndarray]]:

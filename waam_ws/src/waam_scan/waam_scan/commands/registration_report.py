@@ -15,14 +15,15 @@ from ..registration.solve import register
 from ..registration.target import Cloud, CloudTarget, MeshTarget, Target
 
 
-def register_files(args: argparse.Namespace) -> int:
+def register_files(args: argparse.Namespace) -> None:
     """Two clouds: one registration; more, or --sequence: odometry."""
     if len(args.clouds) < 2:
         raise ValueError('register needs SCAN and REFERENCE, or a sequence of clouds')
     if args.sequence or len(args.clouds) > 2:
         from .odometry_report import track_files
 
-        return track_files(args)
+        track_files(args)
+        return
     scan, reference = args.clouds
     cloud = Cloud.of(load_points(scan, args.scale), seed=args.seed)
     target, vertices = load_target(reference, args.scale, args.seed)
@@ -34,7 +35,6 @@ def register_files(args: argparse.Namespace) -> int:
     if args.moved:
         save_cloud(args.out / 'moved.ply', result.apply(load_points(scan, args.scale)))
     print(f'written: {args.out}')
-    return 0
 
 
 def load_target(path: Path, scale: float, seed: int) -> tuple[Target, np.ndarray]:
