@@ -51,7 +51,9 @@ class View(ctypes.Structure):
 
 
 def _find() -> Path:
-    """<prefix>/lib of the prefixes that are sourced."""
+    """Beside the controller that WAAM_VIRTUAL_CONTROLLER names (another build), else in a prefix that is sourced."""
+    if other := os.environ.get('WAAM_VIRTUAL_CONTROLLER'):
+        return Path(other).with_name(LIBRARY)
     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
         candidate = Path(prefix) / 'lib' / LIBRARY
         if prefix and candidate.exists():
@@ -66,8 +68,8 @@ def _library() -> ctypes.CDLL:
     """The installed library. OSError when the workspace is not built."""
     lib = ctypes.CDLL(str(_find()))
     handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
-    lib.controller_lib_with_cell.restype = handle
-    lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    for new in (lib.controller_lib_new, lib.controller_lib_with_cell):
+        new.restype, new.argtypes = handle, (ctypes.c_uint32, ctypes.c_uint64)
     lib.controller_lib_place.argtypes = (handle, *(3 * (ctypes.c_double,)))
     lib.controller_lib_widen.argtypes = (handle, 3 * ctypes.c_double, 3 * ctypes.c_double)
     lib.controller_lib_machine_steps.argtypes = (handle, 3 * ctypes.c_double)
@@ -84,18 +86,19 @@ def _library() -> ctypes.CDLL:
 
 
 class Controller:
-    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`."""
+    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`. new: what
+    makes it; with `controller_lib_new` it is in IDLE and has a plant of its own that does nothing wrong."""
+
+    new = 'controller_lib_with_cell'
 
     def __init__(self, start_us: int, boot: int = 1) -> None:
         self._lib = _library()
-        self._handle = self._lib.controller_lib_with_cell(boot, start_us)
+        self._handle = getattr(self._lib, self.new)(boot, start_us)
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
         self._memory = memoryview(self._bytes).cast('B')
         self._view = View()
-        self._samples: tuple[np.ndarray | None, int] = (
-            None,
-            0,
-        )  # of the last step, and their address
+        # of the last step, and their address
+        self._samples: tuple[np.ndarray | None, int] = (None, 0)
 
     def close(self) -> None:
         """Frees the core; may be called twice, nothing else may be called afterwards."""
