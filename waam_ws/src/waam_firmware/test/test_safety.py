@@ -300,13 +300,13 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
         'shaper_properties',  # random programs with an input shaper: exact steps, nothing early
         'rounding_properties',  # corners and curves stay within shape_corner_mm
         'gantry_properties',  # any envelope, speed and way of homing: never beyond them
+        'standoff_properties',  # what may move the torch up and down, and when
+        'acceleration_properties',  # the accelerometer: order, losses and faults
     ],
 )
 def test_properties_of_the_core(controller_path, name):
-    beside, built = (
-        controller_path.with_name(name),
-        Path(__file__).parents[3] / f'build/waam_firmware/{name}',
-    )
+    beside = controller_path.with_name(name)
+    built = Path(__file__).parents[3] / f'build/waam_firmware/{name}'
     program = beside if beside.exists() else built
     assert program.exists(), f'{program} was not built (BUILD_TESTING)'
     done = subprocess.run([program], capture_output=True, text=True, timeout=60)
