@@ -40,13 +40,9 @@ class ControllerLib(Controller):
         super().__init__(start_us, boot)
         self._done = (Done * DONE_MOST)()
         handle = ctypes.c_void_p
-        self._lib.controller_lib_hang_up.argtypes = (handle,)
         self._lib.controller_lib_run.argtypes = (handle, ctypes.c_uint32)
         self._lib.controller_lib_executed.restype = ctypes.c_size_t
         self._lib.controller_lib_executed.argtypes = (handle, handle, ctypes.c_size_t)
-
-    def hang_up(self) -> None:
-        self._lib.controller_lib_hang_up(self._handle)
 
     def run(self, milliseconds: int) -> None:
         self._lib.controller_lib_run(self._handle, milliseconds)

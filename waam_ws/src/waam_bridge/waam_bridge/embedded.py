@@ -75,6 +75,8 @@ def _library() -> ctypes.CDLL:
     lib.controller_lib_machine_steps.argtypes = (handle, 3 * ctypes.c_double)
     lib.controller_lib_copy.argtypes = (handle, handle)
     lib.controller_lib_free.argtypes = (handle,)
+    lib.controller_lib_hang_up.argtypes = (handle,)
+    lib.controller_lib_part.argtypes = (handle, ctypes.c_double)
     lib.controller_lib_rx.argtypes = (handle, text, size)
     lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
     lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *(3 * (ctypes.c_double,)))
@@ -143,6 +145,14 @@ class Controller:
         r = reading
         self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
         self._lib.controller_lib_distance(self._handle, r.distance_reading, r.distance)
+
+    def part(self, volts: float) -> None:
+        """What the converter for the temperature of the part sees from now on."""
+        self._lib.controller_lib_part(self._handle, volts)
+
+    def hang_up(self) -> None:
+        """The host's terminal is closed."""
+        self._lib.controller_lib_hang_up(self._handle)
 
     def take(self) -> bytes:
         """Bytes sent to the host since the last call."""

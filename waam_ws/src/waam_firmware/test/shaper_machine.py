@@ -17,22 +17,9 @@ STEPS_PER_MM = 320
 QUEUE = 40  # lines that wait for their `executed`
 TYPES = ('none', 'zv', 'zvd', 'mzv', 'ei', '2hump_ei', '3hump_ei')
 FIELDS = (
-    *(
-        'seq',
-        't_us',
-        'state',
-        'flags',
-        'x_um',
-        'y_um',
-        'z_um',
-        'v_um_s',
-        'wire_cmd',
-        'wire',
-        'current',
-        'voltage',
-    ),
-    *('accepted', 'executed', 'free', 'speed', 'wire_permille', 'lease', 'underruns', 'fault'),
-)
+    'seq', 't_us', 'state', 'flags', 'x_um', 'y_um', 'z_um', 'v_um_s', 'wire_cmd', 'wire', 'current', 'voltage',
+    'accepted', 'executed', 'free', 'speed', 'wire_permille', 'lease', 'underruns', 'fault',
+)  # fmt: skip
 IDLE, RUN, HOLD, ALARM = range(4)
 
 
@@ -53,9 +40,9 @@ class Machine:
     def __init__(
         self, home: bool = True, true_steps: Sequence[float] = (), **settings: float | str
     ) -> None:
-        self._core = Inert(1_000_000)
+        self.core = Inert(1_000_000)
         if len(true_steps):
-            self._core.machine_steps(true_steps)
+            self.core.machine_steps(true_steps)
         self._text = ''
         self.next = 1
         self.frame: dict[str, int] = {}
@@ -72,13 +59,13 @@ class Machine:
             self.run('G28')
 
     def close(self) -> None:
-        self._core.close()
+        self.core.close()
 
     def __del__(self) -> None:
         self.close()
 
     def _read(self) -> None:
-        *whole, self._text = (self._text + self._core.take().decode()).split('\n')
+        *whole, self._text = (self._text + self.core.take().decode()).split('\n')
         for line in whole:
             body = line.rpartition('*')[0]
             if body.startswith('T '):
@@ -92,16 +79,16 @@ class Machine:
         """Positions (ms, 3) in steps at the end of each tick. The host stays alive and renews the lease."""
         out = np.zeros(ms, SAMPLE)
         for first in range(0, ms, 50):
-            self._core.feed(sealed(f'$H t {self.frame.get("t_us", 1)}'))
+            self.core.feed(sealed(f'$H t {self.frame.get("t_us", 1)}'))
             part = out[first : first + 50]
-            self._core.step(part)
+            self.core.step(part)
             self._read()
         self.samples.append(out)
         return steps(out)
 
     def ask(self, line: str) -> str:
         """An immediate line; its answer, without check and stamp."""
-        self._core.feed(sealed(line))
+        self.core.feed(sealed(line))
         self._read()
         return self.lines[-1]
 
@@ -110,7 +97,7 @@ class Machine:
         for line in gcode:
             while self.next - self.frame.get('executed', 0) > QUEUE:
                 self.tick(5)
-            self._core.feed(sealed(f'N{self.next} {line}'))
+            self.core.feed(sealed(f'N{self.next} {line}'))
             self.next += 1
             self._read()
             assert not any(x.startswith(('er ', 'rs ')) for x in self.lines[-3:]), self.lines[-3:]
