@@ -125,7 +125,7 @@ class Campaign:
             self.controller.feed(frames.immediate('C', setting, 0, frames.CRC16))
             assert b'$C ok' in (answer := self.controller.take()), answer
         self.up, self.down = Cable(self.dice, 0.0), Cable(self.dice, 0.0, 1 << 17)
-        self.bridge = Bridge(BridgeParams(arc_speed_max=0.1, queue_size=10 * AHEAD))
+        self.bridge = Bridge(BridgeParams(arc_speed_max=0.1))
         self.path = Path(seed)
         self.now = 1000.0
         self.report = Report()

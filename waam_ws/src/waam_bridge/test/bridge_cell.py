@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from bridge_fake_controller import FakeCore
+from bridge_fake_controller import ALARM, IDLE, FakeCore
 
 from waam_bridge import commands, program
 from waam_bridge.commands import Command
@@ -96,24 +96,28 @@ class Cell:
         return e.value.code, str(e.value)
 
 
-def line_of(count, arc=False, first=0, x0=0.0):
-    """`count` segments of 1 mm along x."""
-    more = (
-        {'wire_feed_speed': 0.083, 'voltage': 22.0, 'kind': Kind.DEPOSIT}
-        if arc
-        else {'kind': Kind.IDLE}
-    )
-    at = [(x0 + i * 1e-3, 0.0, 0.0) for i in range(count + 1)]
+class Able(FakeCore):
+    """A controller with another capability. `taken`: the settings that it was told."""
+
+    def __init__(self, capability=''):
+        super().__init__()
+        self.capability, self.taken = capability, []
+
+    def say(self, text):
+        super().say(text.replace('cap=ARC,GAS', f'cap=ARC,GAS,{self.capability}'))
+
+    def _do_C(self, args):
+        assert self.state in (IDLE, ALARM) and not self.queue
+        self.taken.append((args[0], float(args[1])))
+
+
+def line_of(count, arc=False, first=0, x0=0.0, start=None):
+    """`count` segments of 1 mm along x, from (x0, 0, 0) or `start`."""
+    kind = Kind.DEPOSIT if arc else Kind.IDLE
+    source = {'wire_feed_speed': 0.083, 'voltage': 22.0} if arc else {}
+    x, y, z = start or (x0, 0.0, 0.0)
+    at = [(x + i * 1e-3, y, z) for i in range(count + 1)]
     return [
-        Segment(
-            index=first + i,
-            start=at[i],
-            end=at[i + 1],
-            speed=0.01,
-            arc=arc,
-            layer=1,
-            bead=2,
-            **more,
-        )
+        Segment(first + i, kind, at[i], at[i + 1], 0.01, arc=arc, layer=1, bead=2, **source)
         for i in range(count)
     ]

@@ -27,7 +27,6 @@ from waam_msgs.srv import Command, Enqueue
 from waam_node import qos
 from waam_node.conversions import segment_to_msg
 from waam_node.testing import fresh_domain
-from waam_process.segment import Kind, Segment
 
 BRIDGE = [str(Path(get_package_prefix('waam_bridge')) / 'lib/waam_bridge/bridge')]
 
@@ -43,21 +42,6 @@ def until(condition, timeout=40.0, what='condition'):
     while not condition():
         assert time.monotonic() < end, f'{what}: not reached within {timeout} s'
         time.sleep(0.005)
-
-
-def line_of(count, arc=False, first=0, start=(0.0, 0.0, 0.0), step=1e-3, speed=0.01):
-    """`count` segments of `step` m along x."""
-    more = (
-        {'wire_feed_speed': 0.083, 'voltage': 22.0, 'kind': Kind.DEPOSIT}
-        if arc
-        else {'kind': Kind.IDLE}
-    )
-    x, y, z = start
-    at = [(x + i * step, y, z) for i in range(count + 1)]
-    return [
-        Segment(index=first + i, start=at[i], end=at[i + 1], speed=speed, arc=arc, **more)
-        for i in range(count)
-    ]
 
 
 class Bridge:

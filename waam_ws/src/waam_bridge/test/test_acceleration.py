@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bridge_cell import Cell
-from bridge_fake_controller import FakeCore, sealed
+from bridge_cell import Able, Cell
+from bridge_fake_controller import sealed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -31,13 +31,10 @@ def line(seq, t_us, lost, counts) -> bytes:
     return sealed(f'A {seq},{t_us},{lost},{packed(counts)}').rstrip(b'\n')
 
 
-class Able(FakeCore):
+class Sensed(Able):
     """A controller with an accelerometer. `sick`: what it says instead of samples."""
 
     sick = ''
-
-    def say(self, text: str) -> None:
-        super().say(text.replace('cap=ARC,GAS', 'cap=ARC,GAS,ACCEL'))
 
     def _do_M(self, args) -> None:
         if args[0] == '1' and self.sick:
@@ -49,7 +46,7 @@ class Listener(Cell):
 
     def __init__(self, fake=None, **params):
         self.batches = []
-        super().__init__(fake or Able(), **params)
+        super().__init__(fake or Sensed('ACCEL'), **params)
 
     def collect(self):
         self.batches += self.bridge.outbox.accelerations
@@ -124,7 +121,7 @@ def test_what_was_lost_leaves_a_gap():
 
 
 def test_a_sensor_that_does_not_answer_is_named():
-    fake = Able()
+    fake = Sensed('ACCEL')
     fake.sick = 'accelerometer: no ADXL345 answers'
     cell = Listener(fake).ready()
     got = cell.switch()

@@ -1,7 +1,6 @@
 """The whole core against the fake controller in simulated time: no ROS, no port, no threads."""
 
 import math
-import random
 import re
 
 import pytest
@@ -9,8 +8,9 @@ from bridge_cell import Cell, line_of
 from bridge_fake_controller import ALARM, HOLD, IDLE, RUN, FakeCore
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_stream import Channel
 
-from waam_bridge import commands, outbox, overrides, program, requests
+from waam_bridge import batches, commands, outbox, overrides, program, requests
 from waam_bridge.faults import held
 from waam_process.segment import Kind, Segment
 
@@ -67,9 +67,9 @@ def test_something_else_is_no_controller():
     assert "'OTHER_DEVICE'" in cell.bridge.message and 'WAAM_CONTROLLER_V1' in cell.bridge.message
     fake = FakeCore()
     fake.mute.add('I')
-    cell = Cell(fake, identify_timeout=0.5)
+    cell = Cell(fake)
     cell.until(lambda: not cell.plugged)
-    assert 'no valid answer to $I within 0.5 s' in cell.bridge.message
+    assert 'no valid answer to $I within 2 s' in cell.bridge.message
 
 
 def test_segments_are_executed_once_and_reported():
@@ -338,11 +338,11 @@ def test_a_new_bridge_disarms_a_controller_that_somebody_armed():
 
 
 def test_a_silent_controller_is_given_up():
-    cell = Cell(silence_timeout=1.0).ready()
-    for _ in range(110):
+    cell = Cell().ready()
+    for _ in range(310):
         cell.now += 0.01
         cell.fake.feed(cell.bridge.poll(cell.now))
-    assert 'silent for 1 s' in cell.bridge.link.failed
+    assert 'silent for 3 s' in cell.bridge.link.failed
 
 
 def test_overrides_are_checked_and_remembered():
@@ -358,8 +358,9 @@ def test_overrides_are_checked_and_remembered():
     assert 'speed_factor is 3, limits 0.1 .. 2' in cell.notices[-1].text
 
 
-def test_a_full_queue_takes_nothing_of_a_batch():
-    cell = Cell(queue_size=20).ready()
+def test_a_full_queue_takes_nothing_of_a_batch(monkeypatch):
+    monkeypatch.setattr(batches, 'QUEUE_SIZE', 20)
+    cell = Cell().ready()
     cell.fake.stuck = True
     assert cell.enqueue(line_of(15), last=False).accepted == 15
     code, text = cell.refused(line_of(10, first=15, x0=0.015))
@@ -411,24 +412,6 @@ def test_segments_that_come_before_the_numbers_are_agreed_are_not_skipped():
     assert sum('G1' in g for g in cell.fake.gcode) == 20
 
 
-class Noise:
-    """Loses lines and damages bytes, either way."""
-
-    def __init__(self, seed, loss, damage):
-        self.random, self.loss, self.damage = random.Random(seed), loss, damage
-
-    def __call__(self, data):
-        out = b''
-        for line in data.splitlines(keepends=True):
-            if self.random.random() < self.loss:
-                continue
-            if self.random.random() < self.damage:
-                place = self.random.randrange(len(line))
-                line = line[:place] + bytes([self.random.randrange(128)]) + line[place + 1 :]
-            out += line
-        return out
-
-
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 2**32),
@@ -438,7 +421,7 @@ class Noise:
 )
 def test_noise_and_pulled_cables_neither_repeat_nor_skip_metal(seed, loss, damage, pulls):
     cell = Cell().ready()
-    up, down = Noise(seed, loss, damage), Noise(seed + 1, loss, damage)
+    up, down = Channel(seed, loss, 0.0, damage), Channel(seed + 1, loss, 0.0, damage)
     feed, take = cell.fake.feed, cell.fake.take
     cell.fake.feed = lambda data: feed(up(data))
     cell.fake.take = lambda: down(take())

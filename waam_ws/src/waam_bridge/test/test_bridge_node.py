@@ -4,9 +4,9 @@ import math
 import subprocess
 
 import pytest
-import serial
-from bridge_fake_controller import FakeController, FakeCore
-from bridge_harness import BRIDGE, Bridge, line_of, until
+from bridge_cell import line_of
+from bridge_fake_controller import FakeController
+from bridge_harness import BRIDGE, Bridge, until
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
@@ -136,7 +136,7 @@ def test_the_csv_log_has_the_columns_of_the_specification(cell):
 
 def test_a_port_that_is_gone_is_said_and_found_again(tmp_path):
     fake = FakeController(tmp_path / 'tty')
-    bridge = Bridge(fake.path, reconnect_period=0.1)
+    bridge = Bridge(fake.path)
     try:
         bridge.ready()
         p = bridge.telemetry.position
@@ -162,26 +162,8 @@ def run_alone(*params):
     return subprocess.run(args, capture_output=True, text=True, timeout=30)
 
 
-def test_without_a_controller_it_leaves_with_status_2_when_it_must(tmp_path):
-    end = run_alone('require_controller:=true', f'port:={tmp_path}/none')
-    assert end.returncode == 2
-    assert 'no controller' in end.stderr and f'{tmp_path}/none' in end.stderr
-    assert 'Traceback' not in end.stderr
-    taken = FakeController(tmp_path / 'taken')
-    with serial.Serial(taken.path, exclusive=True):
-        end = run_alone('require_controller:=true', f'port:={taken.path}')
-    taken.close()
-    assert end.returncode == 2 and 'in use by another program' in end.stderr
-    core = FakeCore()
-    core.name = 'PRINTER'
-    fake = FakeController(tmp_path / 'tty', core)
-    end = run_alone('require_controller:=true', f'port:={fake.path}')
-    fake.close()
-    assert end.returncode == 2 and "'PRINTER'" in end.stderr
-
-
 @pytest.mark.parametrize(
-    ('param', 'words'), [('baudrate:=9600', 'baudrate'), ('queue_size:=0', 'queue_size')]
+    ('param', 'words'), [('baudrate:=9600', 'baudrate'), ('window:=0', 'window')]
 )
 def test_wrong_parameters_are_refused_by_name(param, words):
     end = run_alone(param)

@@ -4,7 +4,8 @@ import time
 
 import numpy as np
 import pytest
-from bridge_harness import Bridge, VirtualController, line_of, until
+from bridge_cell import line_of
+from bridge_harness import Bridge, VirtualController, until
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool

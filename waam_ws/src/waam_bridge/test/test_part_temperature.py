@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from bridge_cell import Cell
-from bridge_fake_controller import IDLE, FakeCore, sealed
+from bridge_cell import Able, Cell
+from bridge_fake_controller import sealed
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,22 +14,6 @@ from waam_bridge import commands, conversions, frames, parsing, requests
 from waam_bridge.outbox import FAULT, INFO, WARNING
 from waam_bridge.params import BridgeParams
 from waam_node.params import ParameterError, from_dict
-
-
-class Able(FakeCore):
-    """A controller that measures the part. `taken`: its settings."""
-
-    def __init__(self, capability: str = ',TEMPERATURE') -> None:
-        super().__init__()
-        self.taken: list[tuple[str, float]] = []
-        self.capability = capability
-
-    def say(self, text: str) -> None:
-        super().say(text.replace('cap=ARC,GAS', 'cap=ARC,GAS' + self.capability))
-
-    def _do_C(self, args) -> None:
-        assert self.state == IDLE and not self.queue
-        self.taken.append((args[0], float(args[1])))
 
 
 def told(cell: Cell, *readings: str) -> list[frames.PartTemperature]:
@@ -44,7 +28,10 @@ def told(cell: Cell, *readings: str) -> list[frames.PartTemperature]:
 
 def test_the_settings_go_in_between_off_and_the_input():
     cell = Cell(
-        Able(), temperature_input='4-20mA', temperature_low=-50.0, temperature_high=450.0
+        Able('TEMPERATURE'),
+        temperature_input='4-20mA',
+        temperature_low=-50.0,
+        temperature_high=450.0,
     ).ready()
     cell.until(lambda: cell.bridge.temperature.settled)
     assert cell.fake.taken == [
@@ -59,7 +46,7 @@ def test_the_settings_go_in_between_off_and_the_input():
 
 
 def test_a_reading_becomes_a_message_and_an_unknown_one_nan():
-    cell = Cell(Able(), temperature_input='0-10V').ready()
+    cell = Cell(Able('TEMPERATURE'), temperature_input='0-10V').ready()
     known, torn = told(cell, '0,312400', '1,')
     assert known == frames.PartTemperature(10**6, 0, 312.4)
     msg = conversions.temperature(known.celsius, 5_000_000_001)
@@ -69,7 +56,7 @@ def test_a_reading_becomes_a_message_and_an_unknown_one_nan():
 
 
 def test_what_is_unknown_is_named_once_and_so_is_its_return():
-    cell = Cell(Able(), temperature_input='4-20mA').ready()
+    cell = Cell(Able('TEMPERATURE'), temperature_input='4-20mA').ready()
     cell.until(lambda: cell.bridge.temperature.settled)
     cell.notices.clear()
     told(cell, '0,20000', '1,', '1,', '2,', '0,21000', '0,22000')
@@ -85,7 +72,7 @@ def test_what_is_unknown_is_named_once_and_so_is_its_return():
 
 def test_a_controller_without_the_input_is_named_and_asked_nothing():
     """The simulated cell has a pyrometer of its own: its controller has no such input, so there are never two."""
-    cell = Cell(Able(''), temperature_input='0-10V').ready()
+    cell = Cell(Able(), temperature_input='0-10V').ready()
     cell.step(30)
     assert cell.fake.taken == []
     assert "no input for the part's temperature" in cell.bridge.temperature.problem
@@ -94,7 +81,7 @@ def test_a_controller_without_the_input_is_named_and_asked_nothing():
 
 
 def test_by_default_nothing_is_sent_and_a_controller_left_on_is_switched_off():
-    cell = Cell(Able()).ready()
+    cell = Cell(Able('TEMPERATURE')).ready()
     cell.step(30)
     assert cell.fake.taken == []
     assert told(cell, '0,20000', '0,20000') == []
@@ -103,7 +90,7 @@ def test_by_default_nothing_is_sent_and_a_controller_left_on_is_switched_off():
 
 
 def test_configure_leaves_them_to_the_parameters():
-    cell = Cell(Able(), temperature_input='0-10V').ready()
+    cell = Cell(Able('TEMPERATURE'), temperature_input='0-10V').ready()
     code, text = cell.command(commands.CONFIGURE, 'temperature_low_c', value=100.0)
     assert code == requests.BAD_ARGUMENT and 'temperature_*' in text
 

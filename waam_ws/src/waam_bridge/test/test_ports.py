@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
+import serial
 from bridge_harness import VirtualController
 
 from waam_bridge import frames, ports, udev
@@ -93,6 +94,12 @@ def test_a_held_port_is_not_opened_and_its_holder_is_named(terminal, monkeypatch
     assert ask(name).problem == 'held by bridge (4711)'
     with pytest.raises(OSError):  # nobody ever had it open, nothing was sent
         os.read(near, 1)
+
+
+def test_a_port_that_another_program_has_is_told(terminal, monkeypatch):
+    monkeypatch.setattr(ports, 'holders', lambda device: ())  # of another user: not to be seen
+    with serial.Serial(terminal[1], exclusive=True):
+        assert ask(terminal[1]).problem == 'the port is in use by another program'
 
 
 def test_ports_have_their_lasting_names(tmp_path, monkeypatch):

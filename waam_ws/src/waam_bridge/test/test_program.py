@@ -27,7 +27,6 @@ LIMITS = Limits(
     arc_speed=(0.003, 0.02),
     wire_feed_speed=(1 / 30, 0.2),
     voltage=(12.0, 36.0),
-    dwell_max=600.0,
 )
 OFFSET = (0.1, 0.08, 0.02)
 NOT_SET = object()

@@ -425,9 +425,12 @@ def test_the_node_publishes_as_the_simulated_cell_does_and_silence_is_unknown(gr
     g.until(lambda: any(m.temperature == 30.0 for m in g.got), lambda: os.write(near, b'30.0\r\n'))
 
 
-@pytest.mark.parametrize('reliability', [ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE])
 @pytest.mark.parametrize(
-    'durability', [DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL]
+    ('reliability', 'durability'),
+    [
+        (ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE),
+        (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL),
+    ],
 )
 def test_a_topic_is_relayed_whatever_its_quality_of_service(graph, reliability, durability):
     g = graph(source='topic:/ir/spot', timeout=0.5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from bridge_cell import Cell
-from bridge_fake_controller import ALARM, IDLE, RUN, FakeCore
+from bridge_cell import Able, Cell
+from bridge_fake_controller import RUN, FakeCore
 
 from waam_bridge import commands, conversions, frames, requests
 from waam_bridge.outbox import FAULT
@@ -15,27 +15,12 @@ from waam_bridge.standoff import settings
 from waam_node.params import ParameterError, from_dict
 
 
-class Able(FakeCore):
-    """A controller with standoff control. `taken`: its settings."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.taken: list[tuple[str, float]] = []
-
-    def say(self, text: str) -> None:
-        super().say(text.replace('cap=ARC,GAS', 'cap=ARC,GAS,STANDOFF'))
-
-    def _do_C(self, args) -> None:
-        assert self.state in (IDLE, ALARM) and not self.queue
-        self.taken.append((args[0], float(args[1])))
-
-
 def sent(cell: Cell) -> list[str]:
     return [line for line in cell.fake.seen if line.startswith('$C')]
 
 
 def test_switched_off_nothing_is_sent():
-    cell = Cell(Able()).ready()
+    cell = Cell(Able('STANDOFF')).ready()
     cell.step(50)
     assert sent(cell) == []
     assert cell.command(commands.ARM, 'j')[0] == requests.OK
@@ -43,7 +28,11 @@ def test_switched_off_nothing_is_sent():
 
 def test_all_settings_go_in_between_off_and_the_source():
     cell = Cell(
-        Able(), standoff_source='laser', standoff_up=0.003, standoff_kp=4.0, standoff_cross=0.0
+        Able('STANDOFF'),
+        standoff_source='laser',
+        standoff_up=0.003,
+        standoff_kp=4.0,
+        standoff_cross=0.0,
     ).ready()
     cell.until(lambda: cell.bridge.standoff.settled)
     taken = cell.fake.taken
@@ -71,7 +60,7 @@ def test_what_is_left_open_fits_the_source(source, set_mm, number, answer):
 
 
 def test_no_job_before_the_settings_are_in():
-    fake = Able()
+    fake = Able('STANDOFF')
     fake.mute.add('C')
     cell = Cell(fake, standoff_source='laser').ready()
     code, text = cell.command(commands.ARM, 'j')
@@ -82,7 +71,7 @@ def test_no_job_before_the_settings_are_in():
 
 
 def test_a_controller_that_runs_gets_them_when_it_stands():
-    fake = Able()
+    fake = Able('STANDOFF')
     fake.go(RUN)
     fake.stuck = True
     cell = Cell(fake, standoff_source='arc').ready()
@@ -94,7 +83,7 @@ def test_a_controller_that_runs_gets_them_when_it_stands():
 
 
 def test_a_refused_setting_is_told_and_no_job_is_armed():
-    fake = Able()
+    fake = Able('STANDOFF')
     fake.refuse['C'] = 'E104 kp must lie within 0 .. 50'
     cell = Cell(fake, standoff_source='laser').ready()
     cell.until(lambda: cell.bridge.standoff.problem.startswith('setting'))
@@ -110,14 +99,14 @@ def test_a_controller_without_it_is_told_so():
 
 
 def test_a_controller_that_was_left_switched_on_is_switched_off():
-    cell = Cell(Able()).ready()
+    cell = Cell(Able('STANDOFF')).ready()
     cell.fake.say(f'D {cell.fake.t_us},1,1,0,100000,100000,0')
     cell.until(lambda: cell.fake.taken)
     assert cell.fake.taken == [('source', 0.0)]
 
 
 def test_a_bridge_that_meets_the_same_boot_again_sends_nothing_twice():
-    cell = Cell(Able(), standoff_source='laser').ready()
+    cell = Cell(Able('STANDOFF'), standoff_source='laser').ready()
     cell.until(lambda: cell.bridge.standoff.settled)
     before = len(cell.fake.taken)
     cell.unplug()
@@ -160,7 +149,7 @@ def test_the_range_is_that_of_a_sensor_only():
 
 
 def test_lines_come_out_twenty_times_a_second_and_alarms_at_once():
-    cell = Cell(Able(), standoff_source='laser').ready()
+    cell = Cell(Able('STANDOFF'), standoff_source='laser').ready()
     out = []
     collect = cell.bridge.take_outbox
     cell.bridge.take_outbox = lambda: (box := collect(), out.extend(box.standoff))[0]
@@ -181,7 +170,7 @@ def changed(cell: Cell, **params) -> None:
 
 
 def test_settings_are_changed_while_the_machine_stands():
-    cell = Cell(Able(), standoff_source='laser').ready()
+    cell = Cell(Able('STANDOFF'), standoff_source='laser').ready()
     cell.until(lambda: cell.bridge.standoff.settled)
     cell.fake.taken.clear()
     changed(cell, standoff_source='arc', standoff_set=0.014)
@@ -197,7 +186,7 @@ def test_settings_are_changed_while_the_machine_stands():
 
 
 def test_an_answer_to_settings_that_were_replaced_does_not_count_for_the_new_ones():
-    cell = Cell(Able(), standoff_source='laser').ready()
+    cell = Cell(Able('STANDOFF'), standoff_source='laser').ready()
     cell.step(1)
     while cell.bridge.standoff.settled:
         cell.step(1)
@@ -208,7 +197,7 @@ def test_an_answer_to_settings_that_were_replaced_does_not_count_for_the_new_one
 
 
 def test_no_settings_are_changed_while_a_job_is_armed_or_the_controller_has_none():
-    cell = Cell(Able()).ready()
+    cell = Cell(Able('STANDOFF')).ready()
     assert cell.command(commands.ARM, 'j')[0] == requests.OK
     with pytest.raises(ValueError, match="job 'j' is armed"):
         changed(cell, standoff_source='laser')

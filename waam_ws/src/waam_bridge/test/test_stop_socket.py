@@ -9,8 +9,9 @@ import threading
 import time
 
 import pytest
+from bridge_cell import line_of
 from bridge_fake_controller import FakeController
-from bridge_harness import BRIDGE, Bridge, line_of, until
+from bridge_harness import BRIDGE, Bridge, until
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 

@@ -10,6 +10,8 @@ from .frames import ALARM, HOLD, IDLE
 from .machine import Machine
 from .program import Modal, Permit, Refusal
 
+QUEUE_SIZE = 20_000  # segments that wait in the bridge; a layer has some thousand
+
 
 def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     """Raises Refusal. The answer is used with `program.prepare` and `commit`."""
@@ -18,9 +20,8 @@ def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     new = [s for s in segments if s.index > known]
     if any(s.arc for s in new) and machine.armed_job != job:
         raise Refusal(program.NOT_ARMED, f"armed for '{machine.armed_job}', not for '{job}'")
-    most = machine.params.queue_size
-    if machine.queued + len(new) > most:
-        text = f'{machine.queued} segments wait, {len(new)} more do not fit into {most}'
+    if machine.queued + len(new) > QUEUE_SIZE:
+        text = f'{machine.queued} segments wait, {len(new)} more do not fit into {QUEUE_SIZE}'
         raise Refusal(program.QUEUE_FULL, text)
     limits = machine.params.limits(machine.link.who.limits_mm)
     here = machine.position if _at_rest(machine) else None

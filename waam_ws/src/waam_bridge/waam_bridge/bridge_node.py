@@ -51,7 +51,6 @@ class BridgeNode(WaamNode):
         self.core = Bridge(p)
         self._lock = threading.RLock()
         self._crash: Exception | None = None  # of the link's thread
-        self._settled = threading.Event()  # the port was tried once
         self._out = Publishers(self, self.core, p.port, self._open_csv(p.csv_log))
         self._create_inputs()
         self.on_change(self._take_params)
@@ -61,12 +60,10 @@ class BridgeNode(WaamNode):
         self.create_timer(FRAMES_S, self._on_frames, clock=self.steady)
         self._stop_lane = self._open_stop_lane(p.stop_socket)
         self.transport.start()
-        if p.require_controller:
-            self._await_controller()
 
     def _make_transport(self) -> Transport:
         p = self.params
-        return SerialTransport(p.port, p.baud, self, p.reconnect_period)
+        return SerialTransport(p.port, p.baud, self)
 
     def _make_frames(self) -> FramePublishers:
         return FramePublishers(self, self.core, Gantry(self.core))
@@ -102,11 +99,6 @@ class BridgeNode(WaamNode):
             return StopLane(path, self._at_once, self._after)
         except OSError as e:
             raise ValueError(f"bridge: parameter 'stop_socket': {path}: {e.strerror}") from None
-
-    def _await_controller(self) -> None:
-        self._settled.wait(self.params.identify_timeout + 5.0)
-        if not self.core.connected:
-            raise ValueError(f'no controller: {self.core.message}')
 
     def close(self) -> None:
         """A clean end leaves the machine in HOLD instead of running until its watchdog acts."""
@@ -155,7 +147,6 @@ class BridgeNode(WaamNode):
                 self.get_logger().error(f'no controller: {reason}')
             self.core.closed(reason)
             self._out.outbox()
-        self._settled.set()
 
     def on_lines(self, lines: list[bytes], read_at: float) -> None:
         """Hands lines to the core and publishes what follows from each before the next one is read."""
@@ -175,8 +166,6 @@ class BridgeNode(WaamNode):
         self._pump()
         if self.core.link.failed:
             self.transport.reopen(self.core.link.failed)
-        elif self.core.connected:
-            self._settled.set()
 
     def on_crash(self, error: Exception) -> None:
         """Publishing fails when the context ends first; anything else ends the node by its next timer."""

@@ -51,7 +51,9 @@ class View(ctypes.Structure):
 
 
 def _find() -> Path:
-    """<prefix>/lib of the prefixes that are sourced."""
+    """Beside the controller that WAAM_VIRTUAL_CONTROLLER names (another build), else in a prefix that is sourced."""
+    if other := os.environ.get('WAAM_VIRTUAL_CONTROLLER'):
+        return Path(other).with_name(LIBRARY)
     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(':'):
         candidate = Path(prefix) / 'lib' / LIBRARY
         if prefix and candidate.exists():
@@ -66,13 +68,15 @@ def _library() -> ctypes.CDLL:
     """The installed library. OSError when the workspace is not built."""
     lib = ctypes.CDLL(str(_find()))
     handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
-    lib.controller_lib_with_cell.restype = handle
-    lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
+    for new in (lib.controller_lib_new, lib.controller_lib_with_cell):
+        new.restype, new.argtypes = handle, (ctypes.c_uint32, ctypes.c_uint64)
     lib.controller_lib_place.argtypes = (handle, *(3 * (ctypes.c_double,)))
     lib.controller_lib_widen.argtypes = (handle, 3 * ctypes.c_double, 3 * ctypes.c_double)
     lib.controller_lib_machine_steps.argtypes = (handle, 3 * ctypes.c_double)
     lib.controller_lib_copy.argtypes = (handle, handle)
     lib.controller_lib_free.argtypes = (handle,)
+    lib.controller_lib_hang_up.argtypes = (handle,)
+    lib.controller_lib_part.argtypes = (handle, ctypes.c_double)
     lib.controller_lib_rx.argtypes = (handle, text, size)
     lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
     lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *(3 * (ctypes.c_double,)))
@@ -84,18 +88,19 @@ def _library() -> ctypes.CDLL:
 
 
 class Controller:
-    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`."""
+    """One controller that was just switched on: in ALARM until it is reset. Its clock starts at `start_us`. new: what
+    makes it; with `controller_lib_new` it is in IDLE and has a plant of its own that does nothing wrong."""
+
+    new = 'controller_lib_with_cell'
 
     def __init__(self, start_us: int, boot: int = 1) -> None:
         self._lib = _library()
-        self._handle = self._lib.controller_lib_with_cell(boot, start_us)
+        self._handle = getattr(self._lib, self.new)(boot, start_us)
         self._bytes = ctypes.create_string_buffer(TX_BYTES)
         self._memory = memoryview(self._bytes).cast('B')
         self._view = View()
-        self._samples: tuple[np.ndarray | None, int] = (
-            None,
-            0,
-        )  # of the last step, and their address
+        # of the last step, and their address
+        self._samples: tuple[np.ndarray | None, int] = (None, 0)
 
     def close(self) -> None:
         """Frees the core; may be called twice, nothing else may be called afterwards."""
@@ -140,6 +145,14 @@ class Controller:
         r = reading
         self._lib.controller_lib_answer(self._handle, r.inputs, r.current, r.voltage, r.wire_speed)
         self._lib.controller_lib_distance(self._handle, r.distance_reading, r.distance)
+
+    def part(self, volts: float) -> None:
+        """What the converter for the temperature of the part sees from now on."""
+        self._lib.controller_lib_part(self._handle, volts)
+
+    def hang_up(self) -> None:
+        """The host's terminal is closed."""
+        self._lib.controller_lib_hang_up(self._handle)
 
     def take(self) -> bytes:
         """Bytes sent to the host since the last call."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 MACHINE, WORK, TORCH, STANDOFF = 'machine', 'work', 'torch_tcp', 'standoff_sensor'
 AXES = ('x', 'y', 'z')  # joints of the gantry, along the axes of the machine
@@ -29,37 +30,14 @@ class Placed(NamedTuple):
 
 def quaternion(rpy: Iterable[float]) -> Quaternion:
     """Of roll, pitch and yaw about fixed axes, rad, as URDF has them."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in rpy)
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def _rotated(q: Quaternion, v: Vector) -> Vector:
-    x, y, z, _ = _product(_product(q, (*v, 0.0)), (-q[0], -q[1], -q[2], q[3]))
-    return x, y, z
+    x, y, z, w = Rotation.from_euler('xyz', list(rpy)).as_quat()
+    return float(x), float(y), float(z), float(w)
 
 
 def matrix(placed: Placed) -> np.ndarray:
     """(4, 4): takes points of the child to the parent, m."""
     out = np.eye(4)
-    for column, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))):
-        out[:3, column] = _rotated(placed.rotation, axis)
-    out[:3, 3] = placed.xyz
+    out[:3, :3], out[:3, 3] = Rotation.from_quat(placed.rotation).as_matrix(), placed.xyz
     return out
 
 
@@ -82,15 +60,13 @@ class _Joint:
     axis: Vector
 
     def at(self, position: float) -> Placed:
-        parent, child, xyz, rotation = self.at_rest
+        turned = Rotation.from_quat(self.at_rest.rotation)
+        moved = position * np.array(self.axis)
         if self.kind == 'prismatic':
-            dx, dy, dz = _rotated(rotation, self.axis)
-            x, y, z = xyz
-            xyz = (x + position * dx, y + position * dy, z + position * dz)
-            return Placed(parent, child, xyz, rotation)
-        half, (x, y, z) = math.sin(position / 2), self.axis
-        turn = (half * x, half * y, half * z, math.cos(position / 2))
-        return Placed(parent, child, xyz, _product(rotation, turn))
+            x, y, z = (np.array(self.at_rest.xyz) + turned.apply(moved)).tolist()
+            return self.at_rest._replace(xyz=(x, y, z))
+        x, y, z, w = (turned * Rotation.from_rotvec(moved)).as_quat().tolist()
+        return self.at_rest._replace(rotation=(x, y, z, w))
 
 
 class Tree:

@@ -16,7 +16,10 @@ from .params import CommonParams
 from .requests import OK, Done, Requests
 from .stream import Sender
 
+IDENTITY = 'WAAM_CONTROLLER_V1'  # name that the controller must give
 ASK_AGAIN = 0.5  # s
+IDENTIFY_TIMEOUT = 2.0  # s: four questions
+SILENCE_TIMEOUT = 3.0  # s without any line; a simulated cell may be silent for 2 s
 HEARTBEAT_S = 0.05  # between heartbeats, controller time and wall time
 RESEND_S = 0.2  # without progress for so long the oldest line is sent again
 REPEAT_RESYNC = 0.05  # s between attempts to agree on the next number
@@ -185,8 +188,8 @@ class Link:
     def _on_identity(self, who: frames.Identity, now: float) -> None:
         if self.phase != Phase.IDENTIFY:
             return
-        if who.name != self.params.identity:
-            self.failed = f"identifies itself as '{who.name}', expected '{self.params.identity}'"
+        if who.name != IDENTITY:
+            self.failed = f"identifies itself as '{who.name}', expected '{IDENTITY}'"
             return
         if self._boot != who.boot or who.synchronised != self.clock.synchronised:
             self.clock.reset(who.synchronised)
@@ -275,8 +278,8 @@ class Link:
             again = self.requests.poll(now)
             if again:
                 self.out.append(again)
-            if now - self.heard > self.params.silence_timeout:
-                self.failed = f'the controller is silent for {self.params.silence_timeout:g} s'
+            if now - self.heard > SILENCE_TIMEOUT:
+                self.failed = f'the controller is silent for {SILENCE_TIMEOUT:g} s'
         if not self.out:
             return b''
         data = b''.join(self.out)
@@ -292,11 +295,9 @@ class Link:
 
     def _poll_identify(self, now: float) -> None:
         """Asks with the strong check first; a controller that does not know it understands the other one."""
-        if now - self._since > self.params.identify_timeout:
-            self.failed = (
-                f'no valid answer to $I within {self.params.identify_timeout:g} s: '
-                f'not a {self.params.identity}'
-            )
+        if now - self._since > IDENTIFY_TIMEOUT:
+            text = f'no valid answer to $I within {IDENTIFY_TIMEOUT:g} s: not a {IDENTITY}'
+            self.failed = text
         elif now - self._asked >= ASK_AGAIN:
             self._asked = now
             digits = frames.CRC16 if self._attempts % 2 else frames.CRC32

@@ -1,6 +1,6 @@
 """The factors on speed and wire: the operator's, multiplied by those of a process control. Pure.
 
-The control's factors are a lease: when they are not said again within `process_timeout`, the operator's remain.
+The control's factors are a lease: when they are not said again within PROCESS_TIMEOUT, the operator's remain.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from .outbox import WARNING
 
 Pair = tuple[float, float]  # speed and wire, or lowest and highest
 NONE = (1.0, 1.0)
+PROCESS_TIMEOUT = 1.0  # s: ten messages of a process control
 
 
 class OverrideError(ValueError):
@@ -48,7 +49,7 @@ def process(machine: Machine, speed: float, wire: float, source: str, now: float
 
 def expire(machine: Machine, now: float) -> None:
     """Takes the control's factors away when it has fallen silent. now: s, steady clock."""
-    late = now - machine.process_heard > machine.params.process_timeout
+    late = now - machine.process_heard > PROCESS_TIMEOUT
     if machine.process == NONE or not late:
         return
     machine.process = NONE

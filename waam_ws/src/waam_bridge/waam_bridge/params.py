@@ -32,15 +32,6 @@ class CommonParams:
         'rate of a true UART, 0 = the one that answers; USB-CDC and pseudo-terminals ignore it',
         'Bd',
     )
-    identity: str = param('WAAM_CONTROLLER_V1', 'name that the controller must give')
-    require_controller: bool = param(
-        False, 'true: leave with exit status 2 when the port has no controller at start'
-    )
-    identify_timeout: float = param(2.0, 'wait for the identification', 's', 0.2, 30.0)
-    silence_timeout: float = param(
-        3.0, 'without any line for so long the port is opened anew', 's', 0.5, 60.0
-    )
-    reconnect_period: float = param(0.5, 'between attempts to open the port', 's', 0.05, 30.0)
     telemetry_rate: float = param(
         100.0, 'frames per second of controller time that the controller sends', 'Hz', 10.0, 1000.0
     )
@@ -52,7 +43,6 @@ class CommonParams:
         256,
         65535,
     )
-    queue_size: int = param(20000, 'segments that wait in the bridge', '', 1, 1000000)
     speed_max: float = param(0.5, 'highest speed with the arc off', 'm/s', 0.001, 2.0)
     arc_speed_min: float = param(0.003, 'lowest travel speed with the arc on', 'm/s', 1e-4, 0.1)
     arc_speed_max: float = param(0.020, 'highest travel speed with the arc on', 'm/s', 1e-4, 0.1)
@@ -60,10 +50,6 @@ class CommonParams:
     wire_feed_max: float = param(12 / 60, 'highest wire feed speed (12 m/min)', 'm/s', 0.0, 0.5)
     voltage_min: float = param(12.0, 'lowest voltage of the source', 'V', 0.0, 100.0)
     voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
-    dwell_max: float = param(600.0, 'longest dwell', 's', 0.0, 86400.0)
-    process_timeout: float = param(
-        1.0, 'factors of a process control that is silent so long are 1 again', 's', 0.1, 10.0
-    )
     csv_log: str = param('', "file of the operator's CSV log; empty = none")
     accelerometer_axes: str = param(
         'x y z',
@@ -135,7 +121,6 @@ class CommonParams:
             arc_speed=(self.arc_speed_min, self.arc_speed_max),
             wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),
             voltage=(self.voltage_min, self.voltage_max),
-            dwell_max=self.dwell_max,
         )
 
 

@@ -14,6 +14,7 @@ OK, NOT_CONNECTED, NOT_ARMED, BAD_SEGMENT, GAP, WRONG_STATE, QUEUE_FULL = 0, *ra
 
 CHAIN_TOLERANCE = 1e-5  # m, between the end of a segment and the start of the next
 START_TOLERANCE = 5e-5  # m, between the machine's position and the start of the first one
+LONGEST_DWELL = 600.0  # s; a longer one is a mistake, for the job waits without a dwell
 SLACK = 1e-9  # m, m/s, V: rounding at a limit is not a violation
 
 
@@ -35,7 +36,6 @@ class Limits:
     arc_speed: tuple[float, float]
     wire_feed_speed: tuple[float, float]
     voltage: tuple[float, float]
-    dwell_max: float
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def check_segment(s: Segment, offset: Point, limits: Limits) -> None:
         )
     _check_position(s, 'end', s.end, offset, limits)
     if s.kind == Kind.DWELL:
-        _between(s, 'dwell', s.dwell, (0.0, limits.dwell_max), 's')
+        _between(s, 'dwell', s.dwell, (0.0, LONGEST_DWELL), 's')
         if math.dist(s.start, s.end) > CHAIN_TOLERANCE:
             raise Refusal(BAD_SEGMENT, f'segment {s.index}: end differs from start in a dwell')
     else:

@@ -19,7 +19,7 @@ from waam_bringup.cli import build_parser
 from waam_node.locks import locked
 from waam_node.stop_socket import HOLD, OK, STOP, Listener
 
-ROOT = Path(__file__).parents[4]
+WAAM = str(Path(__file__).parents[4] / 'waam')
 FILE = Path(at_once.__file__)
 NAMES = ('WAAM_CELL', 'WAAM_RUN', 'WAAM_JOBS', 'WAAM_SHOP', 'WAAM_ROOT')
 VERBS = {'stop': STOP, 'job abort': STOP, 'job pause': HOLD}
@@ -65,15 +65,16 @@ def bridge_in():
         bridge.close()
 
 
-def environment(tmp_path: Path, **more: str) -> dict[str, str]:
+def waam(tmp_path: Path, *words: str) -> subprocess.CompletedProcess[str]:
     kept = {k: v for k, v in os.environ.items() if k not in NAMES}
-    return kept | {'WAAM_JOBS': str(tmp_path / 'jobs')} | more
+    env = kept | {'WAAM_JOBS': str(tmp_path / 'jobs')}
+    return subprocess.run([*words], env=env, capture_output=True, text=True, timeout=120)
 
 
-@pytest.mark.parametrize('verb', VERBS)
 @pytest.mark.parametrize(
-    'options,cell',
-    [('', 'cell'), ('--run {run}', 'run'), ('--cell cell2', 'cell2'), ('--run={run}', 'run'), ('--ce cell2', 'cell2')],
+    'verb,options,cell',
+    [('stop', '', 'cell'), ('job abort', '--run {run}', 'run'), ('job pause', '--cell cell2', 'cell2'),
+     ('stop', '--run={run}', 'run'), ('job abort', '--ce cell2', 'cell2')],
 )  # fmt: skip
 def test_the_bridge_is_told_with_every_way_to_write_the_options(
     tmp_path, bridge_in, verb, options, cell
@@ -81,24 +82,18 @@ def test_the_bridge_is_told_with_every_way_to_write_the_options(
     folders = {'cell': 'jobs/.run', 'cell2': 'jobs/cells/cell2/.run', 'run': 'here'}
     bridges = {name: bridge_in(tmp_path / folder) for name, folder in folders.items()}
     words = [*verb.split(), *options.format(run=tmp_path / 'here').split()]
-    ran = subprocess.run(
-        [str(ROOT / 'waam'), *words], env=environment(tmp_path), capture_output=True, text=True,
-        timeout=120,
-    )  # fmt: skip
+    ran = waam(tmp_path, WAAM, *words)
     assert bridges[cell].until(1) == [VERBS[verb]]
     assert all(b.got == [] for name, b in bridges.items() if name != cell)
     assert 'Traceback' not in ran.stderr
 
 
-@pytest.mark.parametrize('verb', VERBS)
+@pytest.mark.parametrize('verb', ['stop', 'job pause'])
 def test_it_acts_while_the_audit_log_is_held(tmp_path, bridge_in, verb):
     """A suspended `waam audit`: the order comes, then the command goes on, and says that its entry is missing."""
     bridge = bridge_in(tmp_path / 'jobs/.run')
     with locked(tmp_path / 'jobs/.shop/cells/cell/audit.jsonl.lock'):
-        ran = subprocess.run(
-            [str(ROOT / 'waam'), *verb.split()], env=environment(tmp_path), capture_output=True,
-            text=True, timeout=120,
-        )  # fmt: skip
+        ran = waam(tmp_path, WAAM, *verb.split())
     assert bridge.until(1) == [VERBS[verb]]
     assert 'not in the audit log' in ran.stderr and f'process {os.getpid()}' in ran.stderr
     assert 'no graph is up' in ran.stdout + ran.stderr
@@ -111,29 +106,15 @@ def test_it_ends_although_the_disk_hangs(tmp_path, bridge_in, name):
     folder = tmp_path / 'jobs/.shop/cells/cell'
     folder.mkdir(parents=True)
     os.mkfifo(folder / name)
-    ran = subprocess.run(
-        [str(ROOT / 'waam'), 'stop'], env=environment(tmp_path), capture_output=True, text=True,
-        timeout=120,
-    )  # fmt: skip
+    ran = waam(tmp_path, WAAM, 'stop')
     assert bridge.until(1) == [STOP] and ran.returncode == 0
     assert 'not in the audit log' in ran.stderr or name.endswith('lock')
 
 
 def test_the_installed_command_acts_first_as_well(tmp_path, bridge_in):
     bridge = bridge_in(tmp_path / 'jobs/.run')
-    words = [
-        '-c',
-        'import sys; from waam_bringup.entry import main; sys.exit(main())',
-        'job',
-        'abort',
-    ]
-    ran = subprocess.run(
-        [sys.executable, *words],
-        env=environment(tmp_path),
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    code = 'import sys; from waam_bringup.entry import main; sys.exit(main())'
+    ran = waam(tmp_path, sys.executable, '-c', code, 'job', 'abort')
     assert bridge.until(1) == [STOP] and ran.returncode == 2
 
 

@@ -218,7 +218,7 @@ def test_leaving_out_an_unknown_node_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'word'),
     [
-        ('brigde:\n  ros__parameters: {queue_size: 5}\n', "no node 'brigde'; known are bridge"),
+        ('brigde:\n  ros__parameters: {window: 500}\n', "no node 'brigde'; known are bridge"),
         ('virtual_controller:\n  ros__parameters: {}\n', "no node 'virtual_controller'"),
         ('[1, 2]', 'must hold node'),
         ('a: [', 'params.yaml'),

@@ -283,6 +283,6 @@ int main(void)
     test_noise();
     test_other_hosts();
     free(b);
-    puts("acceleration_properties: good");
+    puts("acceleration: all properties hold");
     return 0;
 }

@@ -50,7 +50,6 @@ class Variant:
 FIXED = Variant()
 SCHEDULED = Variant(scheduling=True, predictor=True)
 # The fastest PID with at most 5 % overshoot at the nominal gain alone, by the search in doc/arc_regulator.md.
-NOMINAL = Variant(gains=(2.96, 55.4, 0.0082, 0.0080))
 # The fastest fixed gains that never raise the current by more than 1 % of its dip, 80 to 250 A, gain up to 10 % off.
 CALM = Variant(gains=(2.01, 40.1, 0.0058, 0.0014))
 TRIM = 15.0  # V that the source may be moved away from its setpoint, as shipped
@@ -234,12 +233,6 @@ def reaction(response: np.ndarray, regime: Regime) -> float:
     jump = FALL * FIELD * regime.lift
     outside = np.flatnonzero(~(np.abs(response) <= REACTED * jump))
     return float(outside[-1] + 1) * TS if len(outside) else 0.0
-
-
-def fastest_reaction(regime: Regime) -> float:
-    """s that no controller can better: full trim from the first sample on, through the delay and the lag."""
-    share = (1 - REACTED) * FIELD * regime.lift / (regime.gain * TRIM)
-    return DELAY - LAG * math.log(1 - share)
 
 
 def current_overshoot(response: np.ndarray, regime: Regime) -> float:

@@ -13,34 +13,20 @@ import time
 import tty
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # helpers beside the tests
 
+from plant_cell import Cell  # noqa: E402
+
 TELEMETRY_FIELDS = [
-    'seq',
-    't_us',
-    'state',
-    'flags',
-    'x_um',
-    'y_um',
-    'z_um',
-    'v_um_s',
-    'wire_cmd_um_s',
-    'wire_um_s',
-    'current_mA',
-    'voltage_mV',
-    'line_accepted',
-    'line_executed',
-    'free_blocks',
-    'speed_permille',
-    'wire_permille',
-    'lease_left_ms',
-    'underruns',
-    'fault',
-]
+    'seq', 't_us', 'state', 'flags', 'x_um', 'y_um', 'z_um', 'v_um_s', 'wire_cmd_um_s', 'wire_um_s', 'current_mA',
+    'voltage_mV', 'line_accepted', 'line_executed', 'free_blocks', 'speed_permille', 'wire_permille', 'lease_left_ms',
+    'underruns', 'fault',
+]  # fmt: skip
 IDLE, RUN, HOLD, ALARM = range(4)
 ARC, ESTABLISHED, GAS, HOMED, ARMED, EMPTY, ESTOP, WIRE_JOG = (1 << i for i in range(8))
 
@@ -239,6 +225,12 @@ class Client:
         self.lease = True
         assert self.ask('$A test') == '$A ok'
 
+    def weld(self, length: float = 150.0) -> None:
+        """Homes, strikes the arc and starts one long move of 10 mm/s."""
+        self.ready_for_arc()
+        self.send('G0 X50 Y50 Z100', 'M3 W5000 S22', f'G1 X{50 + length} F600')
+        self.wait(lambda: self.frame['flags'] & ESTABLISHED and self.frame['v_um_s'] > 0)
+
 
 class Controller:
     """One virtual controller process; `idle`: acknowledged already, not in the ALARM of a power-up."""
@@ -347,3 +339,14 @@ def controller(start: Callable[..., Controller]) -> Controller:
 @pytest.fixture
 def client(controller: Controller) -> Client:
     return controller.connect()
+
+
+@pytest.fixture
+def port(
+    start: Callable[..., Controller], tmp_path: Path
+) -> Iterator[tuple[Controller, Cell, Client]]:
+    """A controller with a cell attached, and its client."""
+    path = tmp_path / 'cell.sock'
+    controller = start('--plant', str(path), '--rate', '30', '--start', '8,6,195')
+    with closing(Cell(path)) as cell:
+        yield controller, cell, controller.connect()

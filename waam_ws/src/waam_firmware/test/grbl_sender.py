@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from shaper_machine import library, sealed, steps
+from shaper_machine import Inert, sealed, steps
 
+from waam_bridge.embedded import Controller
 from waam_process.plant_port import SAMPLE
 
 RESET, JOG_CANCEL = b'\x18', b'\x85'
@@ -19,63 +20,38 @@ STATUS = re.compile(
 )
 
 
-class View(ctypes.Structure):
-    """controller_lib_view_t."""
-
-    _fields_ = [
-        *((name, ctypes.c_uint64) for name in ('now_us', 'arc_off_us', 'arc_off_lease_us')),
-        *((name, ctypes.c_int32) for name in ('state', 'fault', 'arc', 'homed', 'queued')),
-    ]
-
-
 class Sender:
     """Speaks to a controller beside the home switches that has not said who it is; `alarm`: as after power-up; `copy`:
     to a copy of that one's controller."""
 
     def __init__(self, alarm: bool = False, copy: Sender | None = None) -> None:
-        lib = self.lib = library()
-        handle = ctypes.c_void_p
-        lib.controller_lib_with_cell.restype = handle
-        lib.controller_lib_with_cell.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
-        lib.controller_lib_copy.argtypes = (handle, handle)
-        lib.controller_lib_place.argtypes = (handle, *[ctypes.c_double] * 3)
-        lib.controller_lib_hang_up.argtypes = (handle,)
-        lib.controller_lib_look.argtypes = (handle, handle)
-        lib.controller_lib_answer.argtypes = (handle, ctypes.c_uint32, *[ctypes.c_double] * 3)
-        new = lib.controller_lib_with_cell if alarm else lib.controller_lib_new
-        self.handle = new(1, 1_000_000)
-        lib.controller_lib_place(self.handle, 0.3, 0.3, 199.7)
+        self.core = Controller(1_000_000) if alarm else Inert(1_000_000)
+        self.core.place(0.3e-3, 0.3e-3, 199.7e-3)
         if copy:
-            lib.controller_lib_copy(self.handle, copy.handle)
+            self.core.copy(copy.core)
+        self.look = self.core.look
         self.lines: list[str] = []
         self.arc_was_on = False
-        self._bytes = ctypes.create_string_buffer(256 * 1024)
         self._text = ''
 
     def close(self) -> None:
-        self.lib.controller_lib_free(self.handle)
+        self.core.close()
 
     def send(self, data: bytes) -> None:
-        self.lib.controller_lib_rx(self.handle, data, len(data))
+        self.core.feed(data)
         self._read()
 
     def _read(self) -> None:
-        count = self.lib.controller_lib_take(self.handle, self._bytes, len(self._bytes))
-        *whole, self._text = (self._text + self._bytes[:count].decode()).split('\n')
+        *whole, self._text = (self._text + self.core.take().decode()).split('\n')
         self.lines += [line.rstrip('\r') for line in whole]
 
     def tick(self, ms: int = 1) -> np.ndarray:
         """Positions (ms, 3) in steps."""
         out = np.zeros(ms, SAMPLE)
-        self.lib.controller_lib_step(self.handle, ms, out.ctypes.data)
+        self.core.step(out)
         self._read()
         self.arc_was_on = self.arc_was_on or bool(self.look().arc)
         return steps(out)
-
-    def look(self) -> View:
-        view = View()
-        self.lib.controller_lib_look(self.handle, ctypes.byref(view))
-        return view
 
     def until(self, condition, most: int = 60_000) -> None:
         for _ in range(most):
@@ -112,10 +88,9 @@ class Sender:
 
     def inputs(self, bits: int) -> None:
         """Of the cell, as of the plant port: 1 emergency stop."""
-        self.lib.controller_lib_answer(self.handle, bits, 0.0, 0.0, 0.0)
+        self.core.answer(SimpleNamespace(
+            inputs=bits, current=0.0, voltage=0.0, wire_speed=0.0, distance=0.0, distance_reading=0,
+        ))  # fmt: skip
 
     def native(self, line: str) -> None:
         self.send(sealed(line))
-
-    def hang_up(self) -> None:
-        self.lib.controller_lib_hang_up(self.handle)

@@ -1,31 +1,15 @@
 /* No axis ever moves further into a limit switch, and there is always a way out. A machine with a switch at both ends of each
  * axis, all in one chain, with contacts that bounce; jogs, homing, resets, power cuts and pushes by hand at random. */
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "waam_internal.h"
+#include "core_bench.h"
 
 #define BEYOND_MM 2.0 /* from the end of the range to the limit switch */
 
-static waam_core_t core;
-static waam_config_t config;
-static waam_inputs_t in;
-static waam_outputs_t out;
 static double start_mm[WAAM_AXES]; /* where the axes really stood when the pulses were 0 */
-static char last[256];
 static unsigned bounce_ms, presses, ways_out, refused;
 static bool was_pressed;
 static uint64_t seed = 1;
-
-#define CHECK(condition)                                                                              \
-    do {                                                                                              \
-        if (!(condition)) {                                                                           \
-            fprintf(stderr, "%s:%d: %s (last: %s)\n", __func__, __LINE__, #condition, last);          \
-            exit(1);                                                                                  \
-        }                                                                                             \
-    } while (0)
 
 static unsigned dice(unsigned sides)
 {
@@ -34,13 +18,6 @@ static unsigned dice(unsigned sides)
 }
 
 static double between(double low, double high) { return low + (high - low) * dice(100000) / 1e5; }
-
-static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
-{
-    (void)context;
-    if (kind == WAAM_TX_ASSURED)
-        snprintf(last, sizeof last, "%.*s", (int)bytes - 1, line);
-}
 
 static double at_mm(int axis) { return start_mm[axis] + (double)out.pulses[axis] / config.steps_per_mm[axis]; }
 
@@ -81,23 +58,12 @@ static void run(unsigned ms)
     }
 }
 
-static void say(const char *line)
-{
-    char text[160];
-    uint8_t check = 0;
-    for (const char *c = line; *c; c++)
-        check ^= (uint8_t)*c;
-    int length = snprintf(text, sizeof text, "%s*%u\n", line, check);
-    for (int i = 0; i < length; i++)
-        waam_core_rx(&core, (uint8_t)text[i]);
-}
-
 static void jog(const double delta[WAAM_AXES], double speed_mm_min)
 {
     char line[100];
     snprintf(line, sizeof line, "$J %.3f %.3f %.3f %.0f", delta[0], delta[1], delta[2], speed_mm_min);
     say(line);
-    refused += strstr(last, "error E301") != NULL;
+    refused += strstr(LAST, "error E301") != NULL;
 }
 
 static void random_jog(void)
@@ -123,9 +89,7 @@ static void switch_on(void)
     for (int i = 0; i < WAAM_AXES; i++)
         start_mm[i] = at_mm(i);
     config = waam_config_default();
-    out = (waam_outputs_t){0};
-    in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
-    waam_core_init(&core, &config, on_line, NULL);
+    power_up(on_line);
     core.arc.unchecked = false;
     was_pressed = chain_open();
     run(5);
@@ -172,7 +136,7 @@ static void leave(void)
             say("$X");
             run(5);
             jog(delta, 1200.0);
-            CHECK(strstr(last, "$J ok"));
+            CHECK(strstr(LAST, "$J ok"));
             run(1000);
             ways_out += depth(axis) < 0.0;
         }
@@ -216,16 +180,16 @@ static void test_a_stuck_switch_ends_the_way_out(void)
             CHECK(core.fault == WAAM_E_LIMIT_SWITCH);
             say("$X");
             jog((double[]){1.0, 0.0, 0.0}, 1200.0);
-            CHECK(strstr(last, "error E301") && strstr(last, "X may only go down"));
+            CHECK(strstr(LAST, "error E301") && strstr(LAST, "X may only go down"));
             jog((double[]){0.0, -1.0, 0.0}, 1200.0);
-            CHECK(strstr(last, "error E301") && strstr(last, "Y may not move"));
+            CHECK(strstr(LAST, "error E301") && strstr(LAST, "Y may not move"));
             start_mm[0] = at_mm(0) - (double)out.pulses[0] / config.steps_per_mm[0];
             way[0] = (double)out.pulses[0];
             jog((double[]){-50.0, 0.0, 0.0}, 1200.0);
         }
     }
     double moved = ((double)out.pulses[0] - way[0]) / config.steps_per_mm[0];
-    CHECK(core.state == WAAM_ALARM && moved < -9.9 && moved > -10.1 && strstr(last, "still pressed"));
+    CHECK(core.state == WAAM_ALARM && moved < -9.9 && moved > -10.1 && strstr(LAST, "still pressed"));
 }
 
 int main(void)

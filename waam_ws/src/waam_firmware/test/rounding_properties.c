@@ -26,11 +26,7 @@ static void require(bool condition, const char *what, double got, double limit)
 
 static void tick(void)
 {
-    if (core->now_us % 50000 == 0) {
-        char text[40];
-        snprintf(text, sizeof text, "$H t %llu", (unsigned long long)core->now_us);
-        feed(text);
-    }
+    beat();
     host_harness_tick(&machine);
     require(places < PLACES, "the path does not end", places, PLACES);
     for (int i = 0; i < 2; i++)

@@ -1,34 +1,11 @@
 /* What only the core's own interface can show: other reactions than the usual ones, the fast tick's own cut, the signs of
  * life that an independent watchdog is fed by, temperature as a number. A burning arc on a small plant, tick by tick. */
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "converter.h"
-#include "waam_internal.h"
+#include "core_bench.h"
 
-static waam_core_t core;
-static waam_config_t config;
-static waam_inputs_t in;
-static waam_outputs_t out;
 static waam_fast_outputs_t fast_out;
-static char last[256];
 static float voltage_v, current_a; /* of a burning arc */
-
-#define CHECK(condition)                                                                  \
-    do {                                                                                  \
-        if (!(condition)) {                                                               \
-            fprintf(stderr, "%s:%d: %s (last: %s)\n", __func__, __LINE__, #condition, last); \
-            exit(1);                                                                      \
-        }                                                                                 \
-    } while (0)
-
-static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
-{
-    (void)context;
-    if (kind == WAAM_TX_ASSURED && bytes < sizeof last && line[0] == '!')
-        snprintf(last, sizeof last, "%.*s", (int)bytes, line);
-}
 
 static void fast(void)
 {
@@ -50,33 +27,13 @@ static void run(unsigned ms)
     }
 }
 
-static void send_checked(const char *line)
-{
-    char sealed[160];
-    uint8_t check = 0;
-    for (const char *c = line; *c; c++)
-        check ^= (uint8_t)*c;
-    int length = snprintf(sealed, sizeof sealed, "%s*%u\n", line, check);
-    for (int i = 0; i < length; i++)
-        waam_core_rx(&core, (uint8_t)sealed[i]);
-}
-
-static void send_line(const char *gcode)
-{
-    char line[160];
-    snprintf(line, sizeof line, "N%u %s", (unsigned)core.link.accepted + 1, gcode);
-    send_checked(line);
-}
-
 /* An arc that burns in the middle of a long move. */
 static void weld(void)
 {
     config.starts_in_alarm = false;
     config.monitor.stuck_us = 0;
     config.start_us = 1000000;
-    waam_core_init(&core, &config, on_line, NULL);
-    in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
-    out = (waam_outputs_t){0};
+    power_up(on_line);
     voltage_v = 22.0f;
     current_a = 120.0f;
     core.homed = core.plan_homed = core.armed = true;
@@ -94,7 +51,7 @@ static void test_a_lost_arc_is_struck_again_where_that_is_configured(void)
     weld();
     current_a = 0.0f;
     run(250);
-    CHECK(core.state == WAAM_RUN && core.fault == WAAM_E_ARC_LOST && strstr(last, "try 1 of 1"));
+    CHECK(core.state == WAAM_RUN && core.fault == WAAM_E_ARC_LOST && heard("try 1 of 1"));
     current_a = 120.0f;
     run(2000);
     CHECK(core.state == WAAM_RUN && core.fault == WAAM_OK && core.motion.speed_mm_s > 0.0);
@@ -140,7 +97,7 @@ static void test_orders_that_no_tick_renews_end_after_20_ms(void)
         CHECK(!fast_out.arc && fast_out.late && fast_out.voltage_v == 0.0f);
     }
     waam_core_tick(&core, 1000, &in, &out);
-    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && strstr(last, "E309 the controller's tick stood still"));
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && heard("E309 the controller's tick stood still"));
     CHECK(!out.arc && out.wire_mm_s == 0.0);
     fast();
     CHECK(!fast_out.arc && !fast_out.late);
@@ -169,7 +126,7 @@ static void test_ticks_that_fall_behind_are_an_alarm(void)
     weld();
     in.late = true;
     run(1);
-    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && !out.arc && strstr(last, "20 ms behind"));
+    CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_LATE && !out.arc && heard("20 ms behind"));
 }
 
 /* In ALARM nothing is hidden by a late tick. */
@@ -237,7 +194,7 @@ static void test_a_trip_that_comes_late_is_not_forgotten(void)
     fast();
     CHECK(!fast_out.arc);
     run(1);
-    CHECK(core.fault == WAAM_E_STUBBING && strstr(last, "try 1 of 2"));
+    CHECK(core.fault == WAAM_E_STUBBING && heard("try 1 of 2"));
 }
 
 static void test_torque_in_alarm(void)
@@ -338,8 +295,8 @@ static void test_a_board_starts_in_alarm_and_says_why(void)
     CHECK(core.state == WAAM_ALARM && core.fault == WAAM_E_WATCHDOG);
     config.reset_reason = "undefined instruction: pc 08001234";
     waam_core_init(&core, &config, on_line, NULL);
-    send_checked("$I");
-    CHECK(strstr(last, "! ALARM E307 undefined instruction: pc 08001234"));
+    say("$I");
+    CHECK(heard("! ALARM E307 undefined instruction: pc 08001234"));
     in = (waam_inputs_t){.process = WAAM_PROCESS_OK};
     out = (waam_outputs_t){0};
     run(1000);

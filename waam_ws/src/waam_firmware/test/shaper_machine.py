@@ -5,57 +5,32 @@ what the input shaper does to programs, holds and stops. Used by tests of shaped
 from __future__ import annotations
 
 import binascii
-import ctypes
 import re
 from collections.abc import Iterable, Sequence
-from functools import cache
 
-import loop_library
 import numpy as np
 
+from waam_bridge.embedded import Controller
 from waam_process.plant_port import SAMPLE
 
-TX_BYTES = 256 * 1024
 STEPS_PER_MM = 320
 QUEUE = 40  # lines that wait for their `executed`
 TYPES = ('none', 'zv', 'zvd', 'mzv', 'ei', '2hump_ei', '3hump_ei')
 FIELDS = (
-    *(
-        'seq',
-        't_us',
-        'state',
-        'flags',
-        'x_um',
-        'y_um',
-        'z_um',
-        'v_um_s',
-        'wire_cmd',
-        'wire',
-        'current',
-        'voltage',
-    ),
-    *('accepted', 'executed', 'free', 'speed', 'wire_permille', 'lease', 'underruns', 'fault'),
-)
+    'seq', 't_us', 'state', 'flags', 'x_um', 'y_um', 'z_um', 'v_um_s', 'wire_cmd', 'wire', 'current', 'voltage',
+    'accepted', 'executed', 'free', 'speed', 'wire_permille', 'lease', 'underruns', 'fault',
+)  # fmt: skip
 IDLE, RUN, HOLD, ALARM = range(4)
-
-
-@cache
-def library() -> ctypes.CDLL:
-    lib = loop_library.load('controller_lib')
-    handle, text, size = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t
-    lib.controller_lib_new.restype = handle
-    lib.controller_lib_new.argtypes = (ctypes.c_uint32, ctypes.c_uint64)
-    lib.controller_lib_free.argtypes = (handle,)
-    lib.controller_lib_rx.argtypes = (handle, text, size)
-    lib.controller_lib_step.argtypes = (handle, ctypes.c_uint32, handle)
-    lib.controller_lib_machine_steps.argtypes = (handle, ctypes.POINTER(ctypes.c_double))
-    lib.controller_lib_take.restype = size
-    lib.controller_lib_take.argtypes = (handle, handle, size)
-    return lib
 
 
 def sealed(text: str) -> bytes:
     return f'{text}*{binascii.crc_hqx(text.encode(), 0xFFFF):05d}\n'.encode()
+
+
+class Inert(Controller):
+    """With a plant of its own that does nothing wrong."""
+
+    new = 'controller_lib_new'
 
 
 class Machine:
@@ -65,11 +40,9 @@ class Machine:
     def __init__(
         self, home: bool = True, true_steps: Sequence[float] = (), **settings: float | str
     ) -> None:
-        self._lib = library()
-        self._handle = self._lib.controller_lib_new(1, 1_000_000)
+        self.core = Inert(1_000_000)
         if len(true_steps):
-            self._lib.controller_lib_machine_steps(self._handle, (ctypes.c_double * 3)(*true_steps))
-        self._bytes = ctypes.create_string_buffer(TX_BYTES)
+            self.core.machine_steps(true_steps)
         self._text = ''
         self.next = 1
         self.frame: dict[str, int] = {}
@@ -86,19 +59,13 @@ class Machine:
             self.run('G28')
 
     def close(self) -> None:
-        if self._handle:
-            self._lib.controller_lib_free(self._handle)
-            self._handle = None
+        self.core.close()
 
     def __del__(self) -> None:
         self.close()
 
-    def _rx(self, data: bytes) -> None:
-        self._lib.controller_lib_rx(self._handle, data, len(data))
-
     def _read(self) -> None:
-        count = self._lib.controller_lib_take(self._handle, self._bytes, TX_BYTES)
-        *whole, self._text = (self._text + self._bytes[:count].decode()).split('\n')
+        *whole, self._text = (self._text + self.core.take().decode()).split('\n')
         for line in whole:
             body = line.rpartition('*')[0]
             if body.startswith('T '):
@@ -112,16 +79,16 @@ class Machine:
         """Positions (ms, 3) in steps at the end of each tick. The host stays alive and renews the lease."""
         out = np.zeros(ms, SAMPLE)
         for first in range(0, ms, 50):
-            self._rx(sealed(f'$H t {self.frame.get("t_us", 1)}'))
+            self.core.feed(sealed(f'$H t {self.frame.get("t_us", 1)}'))
             part = out[first : first + 50]
-            self._lib.controller_lib_step(self._handle, len(part), part.ctypes.data)
+            self.core.step(part)
             self._read()
         self.samples.append(out)
         return steps(out)
 
     def ask(self, line: str) -> str:
         """An immediate line; its answer, without check and stamp."""
-        self._rx(sealed(line))
+        self.core.feed(sealed(line))
         self._read()
         return self.lines[-1]
 
@@ -130,7 +97,7 @@ class Machine:
         for line in gcode:
             while self.next - self.frame.get('executed', 0) > QUEUE:
                 self.tick(5)
-            self._rx(sealed(f'N{self.next} {line}'))
+            self.core.feed(sealed(f'N{self.next} {line}'))
             self.next += 1
             self._read()
             assert not any(x.startswith(('er ', 'rs ')) for x in self.lines[-3:]), self.lines[-3:]

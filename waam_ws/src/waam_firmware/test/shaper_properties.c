@@ -103,11 +103,7 @@ static void check_tick(uint32_t planned_before, uint32_t executed_before)
 static void tick(void)
 {
     uint32_t planned_before = core->planned, executed_before = core->executed;
-    if (core->now_us % 50000 == 0) {
-        char text[40];
-        snprintf(text, sizeof text, "$H t %llu", (unsigned long long)core->now_us);
-        feed(text);
-    }
+    beat();
     ticks++;
     host_harness_tick(&machine);
     memcpy(planned[ticks % PAST], core->motion.steps, sizeof planned[0]);

@@ -10,12 +10,6 @@ IDLE, RUN, HOLD = 0, 1, 2
 LEASE_US = 500_000
 
 
-def weld(client, length: float = 40.0, feed: float = 600.0) -> None:
-    """Strikes the arc and starts one long move."""
-    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', f'G1 X{50 + length} F{feed}')
-    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
-
-
 def test_sequence_of_a_bead(client, controller):
     client.ready_for_arc()
     client.run('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X60 F600', 'M5', 'G0 X70')
@@ -92,8 +86,7 @@ def test_gas_of_a_line_without_a_block_is_not_lost(client, controller):
 
 
 def test_wire_follows_blocks_and_its_own_override_but_not_travel(client):
-    client.ready_for_arc()
-    weld(client, 200)
+    client.weld(200)
     full = round(5000 / 60 * 1000)
     client.wait(lambda: client.frame['wire_cmd_um_s'] == full and client.frame['v_um_s'] == 10_000)
     client.ask('$V 500 1000')
@@ -123,8 +116,7 @@ def test_per_block_wire_and_voltage_take_effect_when_the_block_starts(client):
 
 
 def test_lease_expiry_switches_the_arc_off_in_time(client, controller):
-    client.ready_for_arc()
-    weld(client, 300)
+    client.weld(300)
     lease = client.frozen_lease = client.frame['t_us']
     client.lease = 'frozen'
     assert client.wait_line('^! HOLD') == '! HOLD E202 the arc lease expired'
@@ -135,8 +127,7 @@ def test_lease_expiry_switches_the_arc_off_in_time(client, controller):
 
 
 def test_dead_host_switches_the_arc_off_in_time(client, controller):
-    client.ready_for_arc()
-    weld(client, 300)
+    client.weld(300)
     client.heartbeat = False
     last = client.frame['t_us']
     client.wait_line('^! HOLD E202')
@@ -147,8 +138,7 @@ def test_dead_host_switches_the_arc_off_in_time(client, controller):
 
 def test_late_host_slows_time_and_keeps_the_arc(client):
     """Half a second of wall time without a sign of life, at 30 times real time, is lateness and not death."""
-    client.ready_for_arc()
-    weld(client, 300)
+    client.weld(300)
     before = client.frame['t_us']
     client.paused = True
     time.sleep(0.5)
@@ -169,8 +159,7 @@ def test_no_lease_no_arc(client, controller):
 
 
 def test_lease_from_the_future_counts_as_now(client, controller):
-    client.ready_for_arc()
-    weld(client, 300)
+    client.weld(300)
     client.frozen_lease = 2**63
     client.lease = 'frozen'
     client.next_frame()
@@ -180,8 +169,7 @@ def test_lease_from_the_future_counts_as_now(client, controller):
 
 
 def test_running_dry_ends_the_arc(client, controller):
-    client.ready_for_arc()
-    weld(client, 5)
+    client.weld(5)
     assert client.wait_line('^! HOLD').startswith('! HOLD E203 ')
     client.wait(lambda: not client.frame['flags'] & 1)
     assert client.frame['underruns'] == 1 and client.frame['x_um'] == 55_000
@@ -190,8 +178,7 @@ def test_running_dry_ends_the_arc(client, controller):
 
 
 def test_hold_ends_the_arc_and_resume_strikes_it_again(client, controller):
-    client.ready_for_arc()
-    weld(client, 60)
+    client.weld(60)
     client.ask('$P')
     client.ask('$R')  # at once: it waits until motion and arc have ended
     client.wait(lambda: client.frame['line_executed'] == 4, timeout=20)
@@ -214,8 +201,7 @@ def test_hold_ends_the_arc_and_resume_strikes_it_again(client, controller):
 
 
 def test_stop_ends_the_arc_at_once(client, controller):
-    client.ready_for_arc()
-    weld(client, 200)
+    client.weld(200)
     client.ask('$S')
     client.wait(lambda: client.frame['state'] == IDLE)
     burning = controller.time_of('state IDLE', controller.time_of('arc off')) - controller.time_of(
@@ -227,8 +213,7 @@ def test_stop_ends_the_arc_at_once(client, controller):
 
 
 def test_disarming_with_the_arc_on_ends_it(client):
-    client.ready_for_arc()
-    weld(client, 200)
+    client.weld(200)
     client.ask('$D')
     client.wait_line('^! HOLD E305')
     client.wait(lambda: not client.frame['flags'] & 1)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 
-import arc_bounds
 import loop_library
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from arc_loop import (
     CALM,
     FIXED,
     GAINS,
-    NOMINAL,
     SCHEDULED,
     SETPOINT,
     TS,
@@ -23,7 +21,6 @@ from arc_loop import (
     Variant,
     current_overshoot,
     distance_step,
-    fastest_reaction,
     margin_computed,
     margin_simulated,
     overshoot,
@@ -60,18 +57,6 @@ def test_phase_margin_computed_and_simulated(gain):
     assert abs(setpoint_step(FIXED, gain, 1.5, delay=0.01 + 0.8 * spare)[-1] - 1.0) < 0.2
     swing = setpoint_step(FIXED, gain, 1.5, delay=0.01 + 1.5 * spare)
     assert np.ptp(swing[-5000:]) > 0.5
-
-
-def test_a_pid_tuned_for_the_nominal_gain_does_not_hold():
-    """Why the fixed gains are what they are; and the harness can tell good from bad."""
-    assert overshoot(setpoint_step(NOMINAL, 1.0)) <= 0.05
-    assert overshoot(setpoint_step(NOMINAL, 1.5)) > 0.25
-
-
-def test_no_pi_controller_can_meet_the_requirements():
-    """The whole map of gains: without derivative the best PI needs 0.17 s (0.15 s are asked for)."""
-    best, gains = arc_bounds.pi_map(40)
-    assert 0.165 < best < 0.20, gains
 
 
 def test_the_smith_predictor_settles_faster_without_overshoot_where_the_gain_is_known():
@@ -113,14 +98,6 @@ def test_scheduled_gains_against_fixed_ones_that_keep_the_current_down_as_well(c
     fixed, scheduled = distance_step(CALM, regime), distance_step(SCHEDULED, regime)
     assert current_overshoot(fixed, regime) < 0.01
     assert reaction(scheduled, regime) <= 0.65 * reaction(fixed, regime)
-
-
-def test_at_the_highest_gain_nothing_can_be_35_percent_faster_than_the_fixed_gains():
-    """80 A: even a source that jumps to the end of its trim at once is not."""
-    regime = Regime(80.0)
-    fixed, calm, scheduled = (distance_step(v, regime) for v in (FIXED, CALM, SCHEDULED))
-    assert fastest_reaction(regime) > 0.65 * reaction(fixed, regime)
-    assert fastest_reaction(regime) < reaction(scheduled, regime) < reaction(calm, regime)
 
 
 @pytest.mark.parametrize('current', [80.0, 100.0])

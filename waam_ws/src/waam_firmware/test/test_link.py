@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import reduce
 
 import pytest
@@ -45,14 +46,14 @@ def test_failed_check_asks_for_the_line_once(client):
     assert client.frame['line_executed'] == 2
 
 
-@pytest.mark.parametrize(
-    'line', [b'N2 G4 P0\n', b'N2 G4 P0*1234\n', b'*\n', b'N2*12x\n', b'\x00\xff*1\n']
-)
-def test_lines_without_a_valid_check_are_never_acted_on(client, line):
+def test_lines_without_a_valid_check_are_never_acted_on(client):
     client.home()
-    client.raw(line)
-    assert client.wait_line(r'^rs ') == 'rs N2 E100'
-    assert client.next_frame()['line_accepted'] == 1
+    for line in (b'N%d G4 P0\n', b'N%d G4 P0*1234\n', b'*\n', b'N%d*12x\n', b'\x00\xff*1\n'):
+        accepted, start = client.accepted, len(client.lines)
+        client.raw(line.replace(b'%d', b'%d' % (accepted + 1)))
+        assert client.wait_line(r'^rs ', start) == f'rs N{accepted + 1} E100'
+        assert client.next_frame()['line_accepted'] == accepted
+        client.run('G4 P0')
 
 
 def test_xor_check_is_accepted_from_the_host(client):
@@ -104,43 +105,13 @@ def test_error_stops_acceptance_until_resynchronised(client):
 
 @pytest.mark.parametrize(
     ('gcode', 'code', 'column'),
-    [
-        ('G2 X1 Y1', 107, 4),
-        ('E5', 107, 4),
-        ('G1 X', 104, 7),
-        ('G1 X1e5 F100', 104, 7),
-        ('G1 X-.', 104, 7),
-        ('X5', 107, 4),
-        ('G1 X5', 107, 7),
-        ('G4', 107, 4),
-        ('G4 P-1', 104, 7),
-        ('G4 P5000', 104, 7),
-        ('G0 G1 X5', 105, 7),
-        ('G0 X5 X6', 105, 10),
-        ('G90 G91', 105, 8),
-        ('M3 M5', 105, 7),
-        ('M3 S22', 107, 4),
-        ('M3 W5000', 107, 4),
-        ('M3 W5000 S22 X5', 105, 17),
-        ('G0 X5 (open', 102, 10),
-        ('G1 X1 F0', 104, 10),
-        ('G1 X1 F70000', 104, 10),
-        ('W-1', 104, 4),
-        ('S99', 104, 4),
-        ('G92', 107, 4),
-        ('P5', 105, 4),
-        ('G0 X5 $', 102, 10),
-        ('G1.5 X1', 103, 4),
-        ('G', 104, 4),
-        ('M4', 103, 4),
-        ('X12345678901', 104, 4),
-    ],
-)
+    [('X5', 107, 4), ('G0 X5 (open', 102, 10), ('M4', 103, 4), ('X12345678901', 104, 4), ('G0 G1 X5', 105, 7)],
+)  # fmt: skip
 def test_error_names_code_and_column(client, gcode, code, column):
+    """Of the line as it was sent, with its number; test_gcode.py has what is refused."""
     client.home()
     client.send(gcode)
-    answer = client.wait_line('^er')
-    assert answer.startswith(f'er N2 E{code} C{column} ')
+    assert client.wait_line('^er').startswith(f'er N2 E{code} C{column} ')
 
 
 def test_overlong_line_is_refused(client):
@@ -172,27 +143,16 @@ def test_acknowledgement_waits_for_a_free_block_and_nothing_is_lost(client):
     assert not any(x.startswith(('rs', 'er')) for x in client.lines)
 
 
-@pytest.mark.parametrize(
-    ('line', 'answer'),
-    [
-        ('$Q', r'\$\? error E103'),
-        ('$', r'\$\? error E103'),
-        ('$V 50 1000', r'\$V error E104'),
-        ('$V 1000', r'\$V error E107'),
-        ('$V 1000 1000 1', r'\$V error E102'),
-        ('$H', r'\$H error E107'),
-        ('$R', r'\$R error E108'),
-        ('$J 1 1 1 0', r'\$J error E104'),
-        ('$L 0', r'\$L error E104'),
-        ('$Z 1 2', r'\$Z error E107'),
-        ('$W 5 1e9', r'\$W error E102'),
-        ('$Resume', r'\$\? error E103'),
-    ],
-)
-def test_refused_immediate_lines(client, line, answer):
-    start = len(client.lines)
-    client.text(line)
-    client.wait_line('^' + answer, start)
+def test_refused_immediate_lines(client):
+    for line, answer in (
+        ('$Q', '$? error E103'), ('$', '$? error E103'), ('$V 50 1000', '$V error E104'),
+        ('$V 1000', '$V error E107'), ('$V 1000 1000 1', '$V error E102'), ('$H', '$H error E107'),
+        ('$R', '$R error E108'), ('$J 1 1 1 0', '$J error E104'), ('$L 0', '$L error E104'),
+        ('$Z 1 2', '$Z error E107'), ('$W 5 1e9', '$W error E102'), ('$Resume', '$? error E103'),
+    ):  # fmt: skip
+        start = len(client.lines)
+        client.text(line)
+        client.wait_line('^' + re.escape(answer), start)
 
 
 def test_heartbeat_answers_with_token_and_time(start):

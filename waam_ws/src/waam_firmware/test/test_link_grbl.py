@@ -366,7 +366,7 @@ def test_the_native_host_takes_over_and_is_not_replaced(homed):
         start = len(homed.lines)
         homed.send(hello)
         assert not any(GREETING in x for x in homed.lines[start:])
-    homed.hang_up()
+    homed.core.hang_up()
     homed.send(b'?')
     homed.tick(20)
     assert any(GREETING in x for x in homed.lines[-3:])
@@ -377,7 +377,7 @@ def test_a_machine_at_work_is_not_handed_over():
     for line in ('$I', 'N1 G28'):
         s.native(line)
     s.tick(3)
-    s.hang_up()
+    s.core.hang_up()
     s.send(b'?$I\n' + RESET)
     assert not any(GREETING in x for x in s.lines)
     s.close()

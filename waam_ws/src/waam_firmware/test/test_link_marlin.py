@@ -184,7 +184,7 @@ def test_when_its_terminal_closes_the_machine_stops(marlin):
 
 
 printcore = pytest.importorskip('printrun.printcore', reason='Printrun is not installed')
-JOB_LINES = 2000
+JOB_LINES = 500
 
 
 def test_printcore_streams_a_job_without_loss(start):

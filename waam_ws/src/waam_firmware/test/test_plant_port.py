@@ -12,28 +12,12 @@ from plant_cell import ACCELEROMETER, ESTOP, LIMIT, Cell
 ALARM, HOLD = 3, 2
 
 
-@pytest.fixture
-def port(start, tmp_path):
-    """A controller with a cell attached, and its client."""
-    path = tmp_path / 'cell.sock'
-    controller = start('--plant', str(path), '--rate', '30', '--start', '8,6,195')
-    cell = Cell(path)
-    yield controller, cell, controller.connect()
-    cell.close()
-
-
-def weld(client) -> None:
-    client.ready_for_arc()
-    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X200 F600')
-    client.wait(lambda: client.frame['flags'] & 2 and client.frame['v_um_s'] > 0)
-
-
 def test_steps_carry_the_true_machine_position_and_setpoints(port):
     _, cell, client = port
     client.wait(lambda: cell.steps)
     assert cell.steps[0][1][0][:3] == pytest.approx((-0.008, -0.006, 0.195))
     client.ask('$Z 10 20 30')
-    weld(client)
+    client.weld()
     client.wait(lambda: client.frame['x_um'] > 53_000)
     times = [t for t, _ in cell.steps]
     assert all(b - a == 10_000 for a, b in zip(times, times[1:], strict=False))
@@ -80,7 +64,7 @@ def test_no_discontinuity_when_homing_sets_the_position(port):
 @pytest.mark.parametrize(('flag', 'code'), [(ESTOP, 300), (LIMIT, 301)])
 def test_emergency_stop_and_limit_switch_are_alarms(port, flag, code):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.flags = flag
     assert client.wait_line('^! ALARM').startswith(f'! ALARM E{code} ')
     frame = client.next_frame()
@@ -130,7 +114,7 @@ def test_with_the_limit_switch_pressed_only_the_way_out_is_free(port):
 
 def test_lost_arc(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.current = 0.0
     before = cell.steps[-1][0]
     assert client.wait_line('^! HOLD') == '! HOLD E204 the arc was lost'
@@ -144,7 +128,7 @@ def test_lost_arc(port):
 def test_at_the_end_of_the_wire_the_wire_is_the_cause_not_the_arc(port, coast_s):
     """The wheel runs down, then the arc burns back and goes out: what came first is the cause."""
     controller, cell, client = port
-    weld(client)
+    client.weld()
     client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
     begin = cell.steps[-1][0]
     cell.coast = coast_s
@@ -178,7 +162,7 @@ def test_no_arc_after_three_tries(port):
 
 def test_wire_fault(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
     cell.wire = 0.85 * 5 / 60
     begin = cell.steps[-1][0]
@@ -198,7 +182,7 @@ def test_missing_gas(port):
 @pytest.mark.parametrize('how', ['hang up', 'silence', 'nonsense', 'nan'])
 def test_lost_cell_is_an_alarm_and_time_goes_on(port, how):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     if how == 'hang up':
         cell.socket.shutdown(socket.SHUT_RDWR)
     elif how == 'silence':

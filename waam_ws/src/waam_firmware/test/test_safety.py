@@ -12,22 +12,6 @@ IDLE, RUN, HOLD, ALARM = range(4)
 ARC, ESTABLISHED, HOMED, ARMED, UNDERFEED = 1, 2, 8, 16, 256
 
 
-@pytest.fixture
-def port(start, tmp_path):
-    """A controller with a cell attached, and its client."""
-    path = tmp_path / 'cell.sock'
-    controller = start('--plant', str(path), '--rate', '30', '--start', '8,6,195')
-    cell = Cell(path)
-    yield controller, cell, controller.connect()
-    cell.close()
-
-
-def weld(client) -> None:
-    client.ready_for_arc()
-    client.send('G0 X50 Y50 Z100', 'M3 W5000 S22', 'G1 X200 F600')
-    client.wait(lambda: client.frame['flags'] & ESTABLISHED and client.frame['v_um_s'] > 0)
-
-
 def runs_with_arc(client) -> bool:
     f = client.frame
     return f['state'] == RUN and bool(f['flags'] & ESTABLISHED) and f['v_um_s'] > 0
@@ -48,7 +32,7 @@ def arc_changes(controller) -> list[str]:
 
 def test_stubbing_is_tried_again_without_leaving_run(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     begin = cell.steps[-1][0]
     cell.shorted, cell.voltage = True, 3.5  # wire in the pool, current flows
     assert 'try 1 of 2' in client.wait_line('^! RUN E208')
@@ -65,7 +49,7 @@ def test_stubbing_is_tried_again_without_leaving_run(port):
 
 def test_stubbing_ends_in_hold_when_the_tries_are_used_up(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.voltage = 3.5
     assert client.wait_line('^! HOLD', timeout=20).startswith('! HOLD E208 ')
     assert arc_changes(controller).count('arc on') == 3  # the first and two more
@@ -78,7 +62,7 @@ def test_stubbing_ends_in_hold_when_the_tries_are_used_up(port):
 
 def test_short_circuits_of_dip_transfer_are_no_fault(port):
     _, cell, client = port
-    weld(client)
+    client.weld()
     cell.dips = True
     after = client.frame['t_us'] + 2_000_000
     client.wait(lambda: client.frame['t_us'] > after)
@@ -88,7 +72,7 @@ def test_short_circuits_of_dip_transfer_are_no_fault(port):
 
 def test_long_arc_is_cut_before_it_reaches_the_tip(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     begin = cell.steps[-1][0]
     cell.voltage = 36.0
     assert client.wait_line('^! HOLD').startswith('! HOLD E209 burn-back')
@@ -99,7 +83,7 @@ def test_the_regulator_makes_up_for_the_drop_in_the_cables(port):
     """2.5 V are lost on the way: the source is asked for more until the arc has its 22 V."""
     _, cell, client = port
     cell.drop = 2.5
-    weld(client)
+    client.weld()
     client.wait(lambda: abs(client.frame['voltage_mV'] - 22_000) < 60)
     assert cell.steps[-1][1][-1][4] == pytest.approx(24.5, abs=0.1)
     cell.drop = 9.0  # more than the regulator may add
@@ -112,7 +96,7 @@ def test_the_regulator_makes_up_for_the_drop_in_the_cables(port):
 
 def test_wire_jam_is_found_by_the_encoder_at_nine_tenths(port):
     _, cell, client = port
-    weld(client)
+    client.weld()
     client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
     cell.wire = 0.95 * 5 / 60
     after = client.frame['t_us'] + 1_500_000
@@ -128,7 +112,7 @@ def test_the_threshold_of_underfeed_is_a_setting_and_telemetry_says_so_before_th
     assert client.ask('$C wire_underfeed_ratio 1').startswith('$C error E104 ')
     assert client.ask('$C wire_underfeed_rati 0.8').startswith('$C error E103 ')
     assert client.ask('$C wire_underfeed_ratio 0.8').startswith('$C ok')
-    weld(client)
+    client.weld()
     client.wait(lambda: client.frame['wire_um_s'] == client.frame['wire_cmd_um_s'] > 80_000)
     cell.wire = 0.85 * 5 / 60  # an underfeed of the shipped setting
     after = client.frame['t_us'] + 1_000_000
@@ -174,7 +158,7 @@ def test_wire_that_stays_frozen_holds_the_machine_until_it_is_cut(port):
 
 def test_no_move_after_an_alarm_before_the_wire_is_known_to_be_free(port):
     _, cell, client = port
-    weld(client)
+    client.weld()
     cell.flags = ESTOP
     client.wait_line('^! ALARM E300')
     cell.flags = CONTACT
@@ -191,7 +175,7 @@ def test_no_move_after_an_alarm_before_the_wire_is_known_to_be_free(port):
 
 def test_the_fault_of_a_drive_ends_everything_and_is_not_reset_before_it_is_gone(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.flags = DRIVE
     assert client.wait_line('^! ALARM') == '! ALARM E308 fault of a drive'
     client.wait(lambda: not client.frame['flags'] & (ARC | HOMED))
@@ -216,7 +200,7 @@ def test_the_fault_of_a_drive_ends_everything_and_is_not_reset_before_it_is_gone
 
 def test_over_temperature_ends_the_arc_and_keeps_it_off(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.flags = HOT
     assert client.wait_line('^! HOLD') == '! HOLD E210 over-temperature'
     client.wait(lambda: not client.frame['flags'] & ARC)
@@ -233,7 +217,7 @@ def test_over_temperature_ends_the_arc_and_keeps_it_off(port):
 @pytest.mark.parametrize('value', [float('nan'), float('inf'), 1e5, -500.0])
 def test_current_that_cannot_be_is_an_alarm(port, value):
     _, cell, client = port
-    weld(client)
+    client.weld()
     cell.ripple, cell.current = 0.0, value
     cell.stray = True  # the cell's own arc would not burn on nonsense
     assert client.wait_line('^! ALARM').startswith('! ALARM E303 ')
@@ -242,7 +226,7 @@ def test_current_that_cannot_be_is_an_alarm(port, value):
 
 def test_frozen_sensor_is_an_alarm(port):
     controller, cell, client = port
-    weld(client)
+    client.weld()
     cell.ripple = 0.0
     begin = cell.steps[-1][0]
     line = client.wait_line('^! ALARM')
@@ -300,13 +284,13 @@ def test_starts_faulted_and_only_a_reset_with_the_stop_released_leads_to_idle(st
         'shaper_properties',  # random programs with an input shaper: exact steps, nothing early
         'rounding_properties',  # corners and curves stay within shape_corner_mm
         'gantry_properties',  # any envelope, speed and way of homing: never beyond them
+        'standoff_properties',  # what may move the torch up and down, and when
+        'acceleration_properties',  # the accelerometer: order, losses and faults
     ],
 )
 def test_properties_of_the_core(controller_path, name):
-    beside, built = (
-        controller_path.with_name(name),
-        Path(__file__).parents[3] / f'build/waam_firmware/{name}',
-    )
+    beside = controller_path.with_name(name)
+    built = Path(__file__).parents[3] / f'build/waam_firmware/{name}'
     program = beside if beside.exists() else built
     assert program.exists(), f'{program} was not built (BUILD_TESTING)'
     done = subprocess.run([program], capture_output=True, text=True, timeout=60)

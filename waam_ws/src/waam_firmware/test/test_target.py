@@ -126,7 +126,7 @@ class Emulator:
             if self.client.frame['state'] == HOLD:
                 assert self.client.frame['fault'] == 201
                 self.client.ask('$R')
-                self.client.wait(lambda: self.client.frame['state'] != HOLD)
+                self.client.next_frame()
 
     def burn(self) -> None:
         """A bead under way. A host that was late lost the arc or the link, as it must, and tries again."""

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 
 import pytest
-from shaper_machine import Machine, library
+from shaper_machine import Machine
 
 VOLTAGE, LOOP, AMPLIFIER = 1, 2, 3  # $C temperature_input
 KNOWN, BELOW, ABOVE, NO_READING = range(4)
 AT_CONVERTER = {VOLTAGE: 3.0 / 10.0, LOOP: 0.15, AMPLIFIER: 1.0}  # V per V, mA, V of the signal
-
-
-def part(machine: Machine, volts: float) -> None:
-    call = library().controller_lib_part
-    call.argtypes = (ctypes.c_void_p, ctypes.c_double)
-    call(machine._handle, volts)
 
 
 def readings(machine: Machine, ms: int) -> list[tuple[int, int, float]]:
@@ -30,7 +23,7 @@ def readings(machine: Machine, ms: int) -> list[tuple[int, int, float]]:
 @pytest.fixture
 def machine() -> Machine:
     m = Machine(home=False)
-    part(m, 0.0)
+    m.core.part(0.0)
     return m
 
 
@@ -48,7 +41,7 @@ def measure(machine: Machine, kind: int, low: float = 0.0, high: float = 1000.0)
     ],
 )  # fmt: skip
 def test_every_kind_of_signal_is_scaled_between_its_ends(machine, kind, low, high, signal, celsius):
-    part(machine, signal * AT_CONVERTER[kind])
+    machine.core.part(signal * AT_CONVERTER[kind])
     measure(machine, kind, low, high)
     (_, why, found), *_ = readings(machine, 250)
     assert why == KNOWN and found == pytest.approx(celsius, abs=2e-3)
@@ -63,7 +56,7 @@ def test_every_kind_of_signal_is_scaled_between_its_ends(machine, kind, low, hig
     ],
 )  # fmt: skip
 def test_a_signal_that_no_instrument_gives_is_unknown_and_no_number(machine, kind, signal, why):
-    part(machine, signal * AT_CONVERTER[kind])
+    machine.core.part(signal * AT_CONVERTER[kind])
     measure(machine, kind)
     found = readings(machine, 350)
     assert len(found) >= 3 and {f[1] for f in found} == {why}
@@ -72,12 +65,12 @@ def test_a_signal_that_no_instrument_gives_is_unknown_and_no_number(machine, kin
 
 def test_lines_come_ten_times_a_second_and_are_means(machine):
     measure(machine, VOLTAGE)
-    part(machine, 0.3 * 1.0)
+    machine.core.part(0.3 * 1.0)
     readings(machine, 200)
     swing = []
     for _ in range(100):  # 2 ms each way around 300 degC
         for volts in (0.8, 1.0):
-            part(machine, volts)
+            machine.core.part(volts)
             swing += readings(machine, 5)
     times = [t for t, _, _ in swing]
     assert len(swing) in (9, 10, 11)
@@ -86,21 +79,21 @@ def test_lines_come_ten_times_a_second_and_are_means(machine):
 
 
 def test_one_spike_spoils_no_reading_and_a_torn_wire_shows_at_once(machine):
-    part(machine, 0.9)
+    machine.core.part(0.9)
     measure(machine, VOLTAGE)
     readings(machine, 120)
-    part(machine, 3.3)
+    machine.core.part(3.3)
     readings(machine, 10)
-    part(machine, 0.9)
+    machine.core.part(0.9)
     assert all(
         why == KNOWN and c == pytest.approx(300.0, abs=0.01) for _, why, c in readings(machine, 200)
     )
-    part(machine, 0.0)
+    machine.core.part(0.0)
     assert readings(machine, 200)[-1][1] == BELOW
 
 
 def test_nothing_is_sent_until_it_is_switched_on_and_after_it_is_off(machine):
-    part(machine, 0.9)
+    machine.core.part(0.9)
     assert readings(machine, 300) == []
     measure(machine, VOLTAGE)
     assert readings(machine, 300)
@@ -136,7 +129,7 @@ def test_a_controller_without_the_input_says_so():
 
 def test_torch_and_drives_stay_what_trips_over_temperature(machine):
     """A part of 400 degC on the pyrometer is no over-temperature of the machine."""
-    part(machine, 1.2)
+    machine.core.part(1.2)
     measure(machine, VOLTAGE)
     assert readings(machine, 150)[-1][2] == pytest.approx(400.0, abs=0.01)
     machine.run('G28')

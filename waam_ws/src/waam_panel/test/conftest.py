@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -99,9 +101,8 @@ class Panel:
     operations: FakeOperations
     folder: Path
     tokens: dict[str, str] = field(default_factory=dict)  # role -> token, of a panel with tokens
-    saying: dict[str, object] = field(
-        default_factory=dict
-    )  # section -> what its program says again and again
+    # section -> what its program says again and again
+    saying: dict[str, object] = field(default_factory=dict)
     living: tuple[str, ...] = ()  # nodes that give signs of life
 
     def speak(self, *said: tuple[str, object]) -> None:
@@ -124,46 +125,21 @@ class Panel:
     def job(state: str, **values) -> dict:
         """A job_status as `conversions.job` gives it."""
         told = {
-            'id': '20260101_jaw',
-            'dir': '',
-            'state': state,
-            'loop_mode': 'closed_loop',
-            'material': 'er70s-6',
-        }
-        told |= {
-            'k_gain': 0.2,
-            'layer': 1,
-            'layers': 3,
-            'bead': 2,
-            'beads': 9,
-            'pass': 1,
-            'passes': 1,
-            'progress': 0.3,
-        }
-        told |= {'time_left': 600.0, 'rms_mm': 0.1, 'max_mm': 0.3, 'error_code': 0, 'message': ''}
+            'id': '20260101_jaw', 'dir': '', 'state': state, 'loop_mode': 'closed_loop', 'material': 'er70s-6',
+            'k_gain': 0.2, 'layer': 1, 'layers': 3, 'bead': 2, 'beads': 9, 'pass': 1, 'passes': 1, 'progress': 0.3,
+            'time_left': 600.0, 'rms_mm': 0.1, 'max_mm': 0.3, 'error_code': 0, 'message': '',
+        }  # fmt: skip
         return told | ({'id': '', 'layers': 0} if state == 'IDLE' else {}) | values
 
     @staticmethod
     def still(**values) -> Sample:
         """A frame of a machine that stands."""
         told = {
-            't': 1.0,
-            'position': (0.01, 0.02, 0.03),
-            'current': 0.0,
-            'voltage': 0.0,
-            'feed_commanded': 0.0,
-        }
-        told |= {
-            'feed': 0.0,
-            'speed': 0.0,
-            'state': 'IDLE',
-            'arc': False,
-            'arc_enabled': False,
-            'gas': False,
-        }
-        return Sample(
-            **told | {'speed_override': 1.0, 'wire_override': 1.0, 'lease_left': 0.4} | values
-        )
+            't': 1.0, 'position': (0.01, 0.02, 0.03), 'current': 0.0, 'voltage': 0.0, 'feed_commanded': 0.0,
+            'feed': 0.0, 'speed': 0.0, 'state': 'IDLE', 'arc': False, 'arc_enabled': False, 'gas': False,
+            'speed_override': 1.0, 'wire_override': 1.0, 'lease_left': 0.4,
+        }  # fmt: skip
+        return Sample(**told | values)
 
     @property
     def url(self) -> str:
@@ -237,6 +213,23 @@ def made_jobs(tmp_path, monkeypatch):
     from made_jobs import make_job
 
     return lambda number, **of: make_job(tmp_path / 'jobs', number, **of)
+
+
+@pytest.fixture(scope='session')
+def certificate(tmp_path_factory) -> tuple[str, str]:
+    """Certificate of 127.0.0.1 and its key, made for this run."""
+    openssl = shutil.which('openssl')
+    if not openssl:
+        pytest.skip('openssl is not installed')
+    folder = tmp_path_factory.mktemp('tls')
+    cert, key = folder / 'cert.pem', folder / 'key.pem'
+    subprocess.run(
+        [openssl, 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:prime256v1', '-nodes', '-days', '1',
+         '-keyout', str(key), '-out', str(cert), '-subj', '/CN=cell', '-addext', 'subjectAltName=IP:127.0.0.1'],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    key.chmod(0o600)
+    return str(cert), str(key)
 
 
 @pytest.fixture(scope='module')

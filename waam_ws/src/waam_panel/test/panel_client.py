@@ -15,6 +15,7 @@ class Client:
     """One connection; reads answers as they come."""
 
     def __init__(self, panel) -> None:
+        self.panel = panel
         self.socket = socket.create_connection(('127.0.0.1', panel.server.port), timeout=20)
         self.rest = b''
 
@@ -23,6 +24,16 @@ class Client:
         lines = [f'{method} {path} HTTP/1.1']
         lines += [f'{k.replace("_", "-")}: {v}' for k, v in given.items() if v]
         self.socket.sendall(('\r\n'.join(lines) + '\r\n\r\n').encode())
+        return self
+
+    def post(self, name: str, body: bytes = b'{}', **headers: str) -> Client:
+        """A command of our own page."""
+        given = {
+            'Origin': self.panel.url, 'X_Waam_Csrf': self.panel.csrf, 'Content_Type': 'application/json',
+            'Content_Length': str(len(body)), **headers,
+        }  # fmt: skip
+        self.head('POST', f'/api/{name}', **given)
+        self.socket.sendall(body)
         return self
 
     @property
@@ -52,6 +63,14 @@ class Client:
 
     def close(self) -> None:
         self.socket.close()
+
+
+def post(panel, name: str, body: bytes = b'{}', **headers: str) -> tuple[int, bytes]:
+    """A command of our own page, and its answer."""
+    client = Client(panel).post(name, body, **headers)
+    answer = client.answer()
+    client.close()
+    return answer
 
 
 def stops(panel) -> None:

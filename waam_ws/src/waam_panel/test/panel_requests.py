@@ -24,11 +24,12 @@ def wall(heights=(0, 2), lift: int = 12) -> str:
     return '\n'.join(text)
 
 
-def ask(panel, path: str, data: object, **options) -> tuple[int, dict]:
+def ask(panel, path: str, data: object = None) -> tuple[int, dict]:
+    """A command of our own page; bytes are sent as they are."""
+
     async def go() -> tuple[int, dict]:
-        headers = {'X-Waam-Csrf': panel.csrf, 'Origin': panel.url} | options.get('headers', {})
-        body = data if isinstance(data, bytes) else None
-        more = {'data': body} if body is not None else {'json': data}
+        headers = {'X-Waam-Csrf': panel.csrf, 'Origin': panel.url}
+        more = {'data': data} if isinstance(data, bytes) else {'json': data or {}}
         async with aiohttp.ClientSession() as session:
             async with session.post(f'{panel.url}/api/{path}', headers=headers, **more) as answer:
                 return answer.status, await answer.json()
@@ -36,10 +37,26 @@ def ask(panel, path: str, data: object, **options) -> tuple[int, dict]:
     return asyncio.run(go())
 
 
-def machine_says(panel, **values) -> None:
-    said = MACHINE | values
-    panel.cell.mailbox.put(('machine', said))
-    end = time.monotonic() + 20
-    while panel.cell.state.sections.get('machine') != said:
-        assert time.monotonic() < end
+def get(panel, path: str) -> tuple[int, bytes]:
+    async def go() -> tuple[int, bytes]:
+        async with aiohttp.ClientSession() as session, session.get(panel.url + path) as answer:
+            return answer.status, await answer.read()
+
+    return asyncio.run(go())
+
+
+def until(condition, what: str, timeout: float = 60.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, what
         time.sleep(0.02)
+
+
+def machine_says(panel, **values) -> None:
+    tell(panel, 'machine', MACHINE | values)
+
+
+def tell(panel, name: str, value: object) -> None:
+    """As a callback would; waits until the page can see it."""
+    panel.cell.mailbox.put((name, value))
+    until(lambda: panel.cell.state.sections.get(name) == value, name)

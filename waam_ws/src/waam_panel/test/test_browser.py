@@ -278,9 +278,7 @@ def test_a_dead_job_sequencer_is_said_and_started_again_from_the_page(cell, brow
 
 SIZES = {
     'desk': (1280, 800),
-    'tablet': (1024, 768),
     'tablet_upright': (768, 1024),
-    'phone': (390, 844),
     'small_phone': (320, 568),
     'phone_on_its_side': (844, 390),
 }

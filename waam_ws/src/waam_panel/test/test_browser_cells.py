@@ -11,19 +11,12 @@ import shutil
 import time
 
 import pytest
+from panel_requests import MACHINE, until
 
 CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 pytest.importorskip('playwright', reason='playwright is not installed (pip install playwright)')
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
 PICTURES = os.environ.get('WAAM_SCREENSHOTS', '')
-MACHINE = {
-    'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
-    'limit_min': [0.0, 0.0, 0.0], 'limit_max': [400.0, 300.0, 200.0], 'work_offset': [100.0, 100.0, 20.0],
-}  # fmt: skip
-JOB = {
-    'id': '', 'state': 'IDLE', 'dir': '', 'error_code': 0, 'message': '', 'progress': 0.0, 'time_left': None,
-    'layer': 0, 'layers': 0,
-}  # fmt: skip
 
 
 def shows(page, selector: str, pattern: str) -> None:
@@ -53,7 +46,7 @@ def picture(page, name: str) -> None:
 
 def tell(panel, **job) -> None:
     """From now on, again and again."""
-    panel.speak(('machine', MACHINE), ('job', JOB | job))
+    panel.speak(('machine', MACHINE), ('job', panel.job(job.pop('state', 'IDLE'), **job)))
 
 
 def shows_when_told(panel, page, selector: str, pattern: str) -> None:
@@ -72,15 +65,8 @@ def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, brow
     for _ in range(3):
         here.cell.shop.queue.change(lambda q: q.add(setup, '<b>Ada</b>', time.time()))
     tell(here)
-    tell(
-        there,
-        id='20260101T000000Z_anvil',
-        state='DEPOSITING',
-        layer=2,
-        layers=5,
-        progress=0.3,
-        time_left=480.0,
-    )
+    depositing = {'layer': 2, 'layers': 5, 'progress': 0.3, 'time_left': 480.0}
+    tell(there, id='20260101T000000Z_anvil', state='DEPOSITING', **depositing)
     there.cell.mailbox.put(('anomaly', {'class': 'wire', 'severity': 2, 'text': 'slips'}))
     page, said = open_page(browser, here, 'operate')
     shows(page, '#me', '^operate 0: operate$')
@@ -96,9 +82,7 @@ def test_an_operator_sees_all_cells_and_steers_the_queue_of_one(make_panel, brow
     page.click('#queue tr:nth-child(1) button:text("Release")')
     shows_when_told(here, page, '#queue tr:nth-child(1)', 'running[^$]*released by operate 0')
     picture(page, 'cells_released')
-    end = time.monotonic() + 60  # the part is looked at by a process of its own before it is loaded
-    while len(here.operations.asked) < 2 and time.monotonic() < end:
-        page.wait_for_timeout(50)
+    until(lambda: len(here.operations.asked) > 1, 'looked at, loaded, started')
     assert [a[0] for a in here.operations.asked] == ['load', 'start']
     assert page.locator('#log-box').is_hidden() and said == []
     there.server.close()
@@ -168,10 +152,7 @@ def test_a_program_goes_into_the_queue_by_its_button_and_is_looked_at_when_it_is
     shows_when_told(panel, page, '#queue tr:nth-child(1)', 'waiting[^$]*line 1: W4646')
     assert panel.operations.asked == []
     page.click('#queue tr:nth-child(2) button:text("Release")')
-    until = time.monotonic() + 60  # the program is looked at first
-    while len(panel.operations.asked) < 2 and time.monotonic() < until:
-        tell(panel)
-        time.sleep(0.2)
+    until(lambda: len(panel.operations.asked) > 1, 'looked at first, then started')
     assert [a[0] for a in panel.operations.asked] == ['load', 'start_program']
     _, choice, program, _, _ = panel.operations.asked[-1]
     assert choice.shift_mm == (5.0, 0.0, 0.0) and program.name == 'wall.gcode'

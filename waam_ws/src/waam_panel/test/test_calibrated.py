@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-from panel_requests import MACHINE, ask, machine_says, wall
+from panel_requests import MACHINE, ask, machine_says, until, wall
 
 from waam_calibrate import store
 from waam_calibrate.results import Result
@@ -29,20 +29,9 @@ def results(panel, monkeypatch) -> Path:
     return folder
 
 
-def says(panel, boot: int, **values) -> None:
-    machine_says(panel, boot=boot, **values)
-
-
 def alarm(panel) -> dict | None:
     found = [a for a in panel.cell.state.alarms.listing() if a['code'] == 'calibration']
     return found[0] if found else None
-
-
-def until(condition, what: str) -> None:
-    end = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
 
 
 def asked(panel) -> int:
@@ -53,12 +42,12 @@ def test_a_controller_that_lost_its_settings_is_in_the_list_of_alarms_until_it_h
     panel, results
 ):
     panel.operations.told = dict(FOUND)
-    says(panel, 1)
+    machine_says(panel, boot=1)
     until(lambda: asked(panel), 'asked after the start')
     time.sleep(1.2)
     assert alarm(panel) is None and asked(panel) == 1  # nothing is missing: not asked again
     panel.operations.told = {'steps_per_mm_x': 320.0, 'shape_x_hz': 40.0}
-    says(panel, 2, state='ALARM')
+    machine_says(panel, boot=2, state='ALARM')
     until(lambda: alarm(panel), 'the alarm after a loss of power')
     said = alarm(panel)
     assert said['active'] and said['severity'] == 1  # 0.498 %: a job may run
@@ -72,7 +61,7 @@ def test_lengths_that_are_wrong_keep_program_part_and_queue_from_starting(
     panel, results, write_part
 ):
     panel.operations.told = FOUND | {'steps_per_mm_x': 319.0}
-    says(panel, 1, armed=True)
+    machine_says(panel, boot=1, armed=True)
     until(lambda: alarm(panel), 'the alarm')
     assert alarm(panel)['severity'] == 2
     ask(panel, 'programs?name=wall.gcode', wall().encode())
@@ -93,7 +82,7 @@ def test_a_controller_that_does_not_say_is_asked_again_and_keeps_nothing_from_st
     panel, results
 ):
     """As `waam job run`: a robot's controller has no such settings."""
-    says(panel, 1, armed=True)
+    machine_says(panel, boot=1, armed=True)
     ask(panel, 'programs?name=wall.gcode', wall().encode())
     assert ask(panel, 'program/load', {'program': 'wall.gcode'})[0] == 200
     assert ask(panel, 'program/start', {})[0] == 200
@@ -111,7 +100,7 @@ def test_nobody_asks_a_machine_that_moves_or_is_not_there(panel, results, machin
 
 def test_a_result_that_comes_later_is_compared(panel, results):
     panel.operations.told = FOUND | {'wire_delay_s': 0.03}
-    says(panel, 1)
+    machine_says(panel, boot=1)
     until(lambda: asked(panel), 'asked after the start')
     date, told = '2026-11-02T10:00:00+00:00', [('wire_delay_s', 0.05)]
     store.save(results, Result('lead', '', 'found', {'v': 1.0}, settings=told, date=date), '')
@@ -125,7 +114,7 @@ def test_an_interrupted_job_goes_on_only_with_what_was_calibrated(panel, results
     (folder / 'job.yaml').write_text('job_id: x')
     (folder / 'status.json').write_text('{"state": "INTERRUPTED"}')
     panel.operations.told = FOUND | {'steps_per_mm_x': 319.0}
-    says(panel, 1, armed=True)
+    machine_says(panel, boot=1, armed=True)
     assert ask(panel, 'load_job', {'id': folder.name})[0] == 200
     status, said = ask(panel, 'start', {})
     assert status == 409 and '319 steps/mm' in said['message']

@@ -13,7 +13,8 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from panel_client import Client, stops
+from panel_client import Client, post, stops
+from panel_requests import until
 
 from waam_panel.gate import IN_ALL, PER_SOURCE, Gate, source_of
 from waam_panel.throttle import LONGEST_S, SOURCES, Throttle
@@ -87,16 +88,8 @@ def test_a_connection_that_never_asks_ends(panel, monkeypatch):
 
 def test_a_request_that_is_being_answered_is_not_pushed_out(panel):
     panel.operations.hang.clear()
-    working = Client(panel)
-    working.head(
-        'POST', '/api/home', Origin=panel.url, X_Waam_Csrf=panel.csrf,
-        Content_Type='application/json', Content_Length='2',
-    )  # fmt: skip
-    working.socket.sendall(b'{}')
-    end = time.monotonic() + 20
-    while not any(g.until is None for g in list(panel.cell.gate.inside)):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    working = Client(panel).post('home')
+    until(lambda: any(g.until is None for g in list(panel.cell.gate.inside)), 'at work')
     others = [Client(panel) for _ in range(PER_SOURCE + 20)]
     stops(panel)
     panel.operations.hang.set()
@@ -184,34 +177,20 @@ def test_a_lock_that_is_held_stops_neither_display_nor_stop(panel, name):
 
     shop = panel.cell.shop
     folder = shop.shop.folder('cell')
-    end = time.monotonic() + 20
-    while shop.shop.status('cell') is None:
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    until(lambda: shop.shop.status('cell'), 'first look')
     with held(folder / name):
         panel.cell.mailbox.put(('link', {'rate': 1}))
         for _ in range(3):
             before = shop.shop.status('cell').utc
-            end = time.monotonic() + 20
-            while shop.shop.status('cell').utc == before:
-                assert time.monotonic() < end, 'status.json is not written any more'
-                time.sleep(0.02)
+            until(lambda b=before: shop.shop.status('cell').utc > b, 'status.json is not written')
         assert panel.cell.state.sections['link'] == {'rate': 1}
         for path, asked in (('stop', ('stop',)), ('pause', ('pause', False))):
-            client = Client(panel)
-            client.head(
-                'POST', f'/api/{path}', Origin=panel.url, X_Waam_Csrf=panel.csrf,
-                Content_Type='application/json', Content_Length='2',
-            )  # fmt: skip
-            client.socket.sendall(b'{}')
-            status, said = client.answer()
-            client.close()
+            status, said = post(panel, path)
             assert status == 200 and asked in panel.operations.asked
             assert (b'not in the audit log' in said) == name.startswith('audit'), said
-    end = time.monotonic() + 30
-    while {'stop', 'pause'} - {e.what for e in shop.audit.last(9)}:
-        assert time.monotonic() < end, 'the entries follow once the lock is free'
-        time.sleep(0.05)
+    until(
+        lambda: {'stop', 'pause'} <= {e.what for e in shop.audit.last(9)}, 'entries once it is free'
+    )
     assert shop.audit.verify().good
 
 
@@ -223,16 +202,11 @@ def test_a_log_that_cannot_be_written_is_said_in_the_answer_and_in_the_diagnosti
 
     monkeypatch.setattr(panel.cell.shop.audit, 'write', full)
     for path in ('stop', 'pause', 'disarm'):
-        client = Client(panel)
-        client.head(
-            'POST', f'/api/{path}', Origin=panel.url, X_Waam_Csrf=panel.csrf,
-            Content_Type='application/json', Content_Length='2',
-        )  # fmt: skip
-        client.socket.sendall(b'{}')
-        status, said = client.answer()
-        client.close()
+        status, said = post(panel, path)
         assert status == 200 and b'No space left' in said, path
         assert 'No space left' in panel.cell.problem and path in panel.cell.problem
+    status, said = post(panel, 'home')
+    assert status == 503 and b'No space left' in said
     assert [a[0] for a in panel.operations.asked] == ['stop', 'pause', 'command']
 
 

@@ -9,6 +9,7 @@ import time
 
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
+from panel_requests import MACHINE, until
 
 from waam_panel.commanding import SAFE
 from waam_panel.programs import ProgramRefused, Programs
@@ -17,9 +18,6 @@ from waam_panel.shop_link import STOPPED
 from waam_panel.web import ALL_ROUTES, make_app
 from waam_shop.roles import Role
 
-MACHINE = {
-    'connected': True, 'silent': [], 'state': 'IDLE', 'fault': 0, 'fault_text': '', 'message': '', 'armed': False,
-}  # fmt: skip
 IDLE = {'id': '', 'state': 'IDLE', 'dir': '', 'error_code': 0, 'message': ''}
 SETUP = {'part': 'block.stl', 'as_found': 'block_worn.stl'}
 
@@ -58,13 +56,6 @@ class Visit:
 
 def path_of(route: Route) -> str:
     return route.path.replace('{name}', 'height').replace('{id}', 'x').replace('{inner}', 'y')
-
-
-def until(condition, what: str, timeout: float = 60.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
 
 
 # ---- roles
@@ -198,16 +189,6 @@ def test_a_wrong_token_is_logged_without_the_token(make_panel):
     assert wrong.split('_')[2] not in panel.cell.shop.audit.path.read_text()
 
 
-def test_without_the_log_only_stop_works(panel, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(panel.cell.shop.audit, 'write', full)
-    status, said = Visit(panel).post('home')
-    assert status == 503 and 'No space left' in said and panel.operations.asked == []
-    assert Visit(panel).post('stop')[0] == 200 and panel.operations.asked == [('stop',)]
-
-
 # ---- the queue
 
 
@@ -222,12 +203,8 @@ def ready(panel, write_part):
     return panel
 
 
-def keep_fresh(panel) -> None:
-    panel.cell.mailbox.put(('machine', MACHINE))
-
-
 def item(panel, id: int = 1):
-    keep_fresh(panel)
+    panel.cell.mailbox.put(('machine', MACHINE))  # stays fresh
     return panel.cell.shop.queue.read().item(id)
 
 
@@ -325,21 +302,18 @@ def test_a_program_waits_and_starts_like_a_part(ready, monkeypatch):
     assert nominal.name == 'block.stl'
 
 
-@pytest.mark.parametrize(
-    'name,data,status',
-    [
+def test_what_makes_no_sense_is_refused_and_changes_nothing(ready):
+    visit = Visit(ready)
+    visit.post('queue_add', **SETUP)
+    before = ready.cell.shop.queue.read()
+    for name, data, status in (
         ('queue_add', {'program': '../wall.gcode'}, 409), ('queue_add', {'program': 'block.stl'}, 409),
         ('queue_move', {'id': 1, 'place': 0}, 409), ('queue_move', {'id': 1}, 400), ('queue_hold', {'id': True}, 400),
         ('queue_release', {'id': 9}, 409), ('queue_remove', {'id': '1'}, 400), ('queue_add', {'part': '../x.stl'}, 409),
         ('queue_add', {'part': "x'; DROP TABLE jobs; --.stl"}, 409), ('queue_hold', {'id': 1}, 409),
-    ],
-)  # fmt: skip
-def test_what_makes_no_sense_is_refused_and_changes_nothing(ready, name, data, status):
-    visit = Visit(ready)
-    visit.post('queue_add', **SETUP)
-    before = ready.cell.shop.queue.read()
-    assert visit.post(name, **data)[0] == status
-    assert ready.cell.shop.queue.read() == before
+    ):  # fmt: skip
+        assert visit.post(name, **data)[0] == status, (name, data)
+        assert ready.cell.shop.queue.read() == before, (name, data)
 
 
 def test_the_page_of_cells_shows_all_of_the_shop(make_panel, write_part):

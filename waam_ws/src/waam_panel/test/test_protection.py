@@ -6,9 +6,7 @@ import asyncio
 import http.client
 import json
 import re
-import shutil
 import ssl
-import subprocess
 from pathlib import Path
 
 import aiohttp
@@ -18,6 +16,7 @@ from hypothesis import strategies as st
 
 from waam_panel.api import COMMANDS
 from waam_panel.security import Denied, Guard, open_tokens, tls_context
+from waam_panel.web import ALL_ROUTES
 from waam_shop.roles import Role
 from waam_shop.token_file import TokenFile
 
@@ -63,10 +62,11 @@ FORGED = {
 
 
 @pytest.mark.parametrize('forged', FORGED.values(), ids=FORGED)
-@pytest.mark.parametrize('name', sorted(COMMANDS))
-def test_no_command_is_taken_from_elsewhere(panel, name, forged):
-    status, _, _ = command(panel, name, **forged)
-    assert status in (400, 403, 421)
+def test_no_command_is_taken_from_elsewhere(panel, forged):
+    for route in ALL_ROUTES:
+        if route.method == 'POST' and route.path not in ('/api/stop', '/api/login'):
+            status, _, _ = command(panel, route.path.removeprefix('/api/'), **forged)
+            assert status in (400, 403, 421), route.path
     assert panel.operations.asked == []
 
 
@@ -267,23 +267,6 @@ def test_other_addresses_need_tokens_and_tls(tokens):
     tokens.path.write_text('the token of an earlier version')
     with pytest.raises(ValueError, match='waam token create'):
         open_tokens(file, '0.0.0.0', True)
-
-
-@pytest.fixture(scope='module')
-def certificate(tmp_path_factory) -> tuple[str, str]:
-    """Certificate of 127.0.0.1 and its key, made for this run."""
-    openssl = shutil.which('openssl')
-    if not openssl:
-        pytest.skip('openssl is not installed')
-    folder = tmp_path_factory.mktemp('tls')
-    cert, key = folder / 'cert.pem', folder / 'key.pem'
-    subprocess.run(
-        [openssl, 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:prime256v1', '-nodes', '-days', '1',
-         '-keyout', str(key), '-out', str(cert), '-subj', '/CN=cell', '-addext', 'subjectAltName=IP:127.0.0.1'],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    key.chmod(0o600)
-    return str(cert), str(key)
 
 
 def test_with_certificate_files_everything_is_encrypted(make_panel, certificate):

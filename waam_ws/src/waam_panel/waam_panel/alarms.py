@@ -33,18 +33,21 @@ class Advice:
 
 
 @cache
+def _data() -> dict[str, dict[str, dict[Any, Any]]]:
+    return yaml.safe_load((Path(__file__).parent / 'alarms.yaml').read_text(encoding='utf-8'))
+
+
+@cache
 def table() -> dict[str, dict[str, Advice]]:
     """{kind: {code: Advice}} for `KINDS`; codes are text."""
-    data = yaml.safe_load((Path(__file__).parent / 'alarms.yaml').read_text(encoding='utf-8'))
-    return {k: {str(code): Advice(**row) for code, row in data[k].items()} for k in KINDS}
+    return {k: {str(code): Advice(**row) for code, row in _data()[k].items()} for k in KINDS}
 
 
 @cache
 def otherwise() -> dict[str, dict[str, dict[str, str]]]:
     """{paused, ended: {kind: {code: action}}}: what to do instead while the job waits, and when none runs."""
-    data = yaml.safe_load((Path(__file__).parent / 'alarms.yaml').read_text(encoding='utf-8'))
     return {
-        state: {k: {str(c): text for c, text in rows.items()} for k, rows in data[state].items()}
+        state: {k: {str(c): text for c, text in rows.items()} for k, rows in _data()[state].items()}
         for state in (PAUSED, ENDED)
     }
 
