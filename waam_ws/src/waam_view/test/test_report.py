@@ -91,6 +91,10 @@ def test_passes_and_resumes_are_told(job, tmp_path):
     section = section_of(page_of(tmp_path, report, {'passes': passes, 'runs': 3}), 'Passes')
     for value in ('5.750', '6.123', '0.432', '-0.250', 'resumed 2 times'):
         assert value in section.replace('\u2212', '-')
+    assert 'top-ups' not in section
+    passes[1]['set_height'] = None
+    machined = {'passes': passes, 'stock': {'share': 0.999}}
+    assert 'are top-ups' in section_of(page_of(tmp_path, report, machined), 'Passes')
 
 
 def test_a_forecast_stands_beside_the_outcome(job, tmp_path):

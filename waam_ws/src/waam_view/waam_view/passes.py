@@ -29,6 +29,11 @@ def passes_section(job: Job) -> str:
             'the set height, which the plan before had left for it, with what that scan found missing there. '
             'The measured error of the last pass is the final one.</p>',
         ]
+        if job.run.get('stock') and any(p.get('set_height') is None for p in passes[1:]):
+            out.append(
+                '<p class=soft>Passes without a set height are top-ups: after the last scan the part did not clean up, and '
+                'what was below nominal got one more.</p>'
+            )
     if isinstance(runs, int) and runs > 1:
         again = runs - 1
         times = 'once' if again == 1 else f'{again} times'
