@@ -31,8 +31,8 @@ def passes_section(job: Job) -> str:
         ]
         if job.run.get('stock') and any(p.get('set_height') is None for p in passes[1:]):
             out.append(
-                '<p class=soft>Passes without a set height are top-ups: after the last scan the part did not clean up, and '
-                'what was below nominal got one more.</p>'
+                '<p class=soft>Passes without a set height are top-ups: after the last scan the part did not clean '
+                'up, and what was below nominal got one more.</p>'
             )
     if isinstance(runs, int) and runs > 1:
         again = runs - 1
