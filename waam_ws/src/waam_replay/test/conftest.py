@@ -85,7 +85,7 @@ class Job:
         custom = {
             'loop_mode': 'closed_loop',
             'job_id': JOB,
-            'parameters.scan_fusion': '{"noise": 5e-05}',
+            'parameters.scan_fusion': '{"height_max": 0.3}',
         }
         self.tape = Tape(BagWriter(folder, custom))
         self.maps: list[HeightMap] = []

@@ -29,7 +29,7 @@ def test_recorded_parameters_give_the_recorded_bits(job):
 
 
 def test_two_runs_are_equal_to_the_last_bit(job):
-    settings = ['correction_server.gain=0.6', 'scan_fusion.noise=0.0001']
+    settings = ['correction_server.gain=0.6', 'scan_fusion.height_max=0.29']
     one, two = tune(job, settings), tune(job, settings)
     assert one.digest == two.digest != tune(job).digest
     assert json.dumps(summary.as_json(one)) == json.dumps(summary.as_json(two))
@@ -135,10 +135,10 @@ def test_parameters_of_another_version_are_named(make_job, tmp_path):
     made = make_job(folder, late=False)
     assert len(made.maps) == 3
     file = folder / 'metadata.yaml'
-    text = file.read_text().replace('"noise"', '"noises"')
+    text = file.read_text().replace('"height_max"', '"height_maxs"')
     file.write_text(text)
     result = tune(tmp_path)
-    assert any('noises left out' in n for n in result.parameters.notes)
+    assert any('height_maxs left out' in n for n in result.parameters.notes)
     assert any('correction_server are not in the record' in n for n in result.parameters.notes)
 
 
