@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import pytest
 
 HEAVY = {'numpy', 'scipy', 'numba', 'trimesh', 'torch', 'open3d', 'rclpy', 'rerun'}
 
@@ -95,64 +99,41 @@ def test_a_graph_of_a_program_is_started_with_all_of_its_settings(tmp_path):
             assert getattr(wanted, field.name) != getattr(default, field.name), field.name
 
 
-def test_a_demo_whose_job_is_aborted_does_not_begin_the_next_one(tmp_path, capsys, monkeypatch):
-    from contextlib import contextmanager
-
+@pytest.fixture
+def robot_demo(tmp_path, monkeypatch):
+    """A function that runs a demo on a robot whose jobs all end with this error: its exit status, the jobs begun."""
     from waam_bringup import demo
     from waam_bringup.cli import main
     from waam_msgs.action import RunJob
     from waam_view import report
 
-    begun = []
+    def run(code: int, message: str = '') -> tuple[int, list[str]]:
+        begun: list[str] = []
 
-    class Client:
-        machine = None
-
-        def load_part(self, *_):
-            pass
-
-        def run_job(self, goal, *_):
+        def run_job(goal, *_):
             begun.append(goal.name)
-            code = RunJob.Result.ABORTED
-            return RunJob.Result(job_dir=str(tmp_path / goal.name), error_code=code)
+            folder = str(tmp_path / goal.name)
+            return RunJob.Result(job_dir=folder, error_code=code, message=message)
 
-    @contextmanager
-    def graph(*_):
-        yield None, Client()
+        client = SimpleNamespace(machine=None, load_part=lambda *_: None, run_job=run_job)
+        monkeypatch.setattr(demo, 'graph', lambda *_: nullcontext((None, client)))
+        monkeypatch.setattr(report, 'write_report', lambda folder: folder / 'report.html')
+        return main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]), begun
 
-    monkeypatch.setattr(demo, 'graph', graph)
-    monkeypatch.setattr(report, 'write_report', lambda folder: folder / 'report.html')
-    assert main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]) == 130
-    assert begun == ['open_loop']
+    return run
+
+
+def test_a_demo_whose_job_is_aborted_does_not_begin_the_next_one(robot_demo, capsys):
+    from waam_msgs.action import RunJob
+
+    assert robot_demo(RunJob.Result.ABORTED) == (130, ['open_loop'])
     assert 'aborted; report: ' in capsys.readouterr().err
 
 
-def test_a_demo_whose_cell_dies_says_so_and_ends(tmp_path, capsys, monkeypatch):
-    from contextlib import contextmanager
-
-    from waam_bringup import demo
-    from waam_bringup.cli import main
-    from waam_msgs.action import RunJob
-    from waam_view import report
-
-    class Client:
-        machine = None
-
-        def load_part(self, *_):
-            pass
-
-        def run_job(self, goal, *_):
-            why = 'robot: the welding device is silent for 3.02 s'
-            return RunJob.Result(job_dir=str(tmp_path / goal.name), error_code=110, message=why)
-
-    @contextmanager
-    def graph(*_):
-        yield None, Client()
-
-    monkeypatch.setattr(demo, 'graph', graph)
-    monkeypatch.setattr(demo, 'ended', lambda run: ['cell killed by SIGKILL'])
-    monkeypatch.setattr(report, 'write_report', lambda folder: folder / 'report.html')
-    assert main(['demo', '--machine', 'robot', '--jobs', str(tmp_path)]) != 0
+def test_a_demo_whose_cell_dies_says_so_and_ends(robot_demo, capsys, monkeypatch):
+    monkeypatch.setattr('waam_bringup.demo.ended', lambda run: ['cell killed by SIGKILL'])
+    status, begun = robot_demo(110, 'robot: the welding device is silent for 3.02 s')
+    assert status != 0 and begun == ['open_loop']
     said = capsys.readouterr().err
     assert 'open_loop: error 110: robot: the welding device is silent' in said
     assert 'cell killed by SIGKILL' in said and 'closed_loop' not in said
