@@ -26,6 +26,9 @@ from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
 WALL = 1.0e-3  # m to the side of a wall, within which a height says nothing about the metal
+TOP_UP_RUN_OUT_WIDTHS = (
+    0.75  # bead widths around a low place: at a corner less is too small for a bead
+)
 MIN_TOP_UP = 1.5  # least thickness of a top-up over that of the thinnest layer
 SPOT = 2e-6  # m2, smaller places are no places
 
@@ -59,7 +62,7 @@ def plan_restoration(
     if settings.finish == finish.MACHINED:
         aside = finish.edges(needed, nominal).warning
         warnings += [aside] if aside else []
-        near = _with_run_out(needed, nominal, settings)
+        near = _with_run_out(needed, nominal, settings, finish.RUN_OUT_WIDTHS)
         depth = np.where(near | np.isnan(depth), depth, 0.0)
     job = _Restoration.of(as_found, nominal, settings, found, smooth, wanted, depth, laid)
     total = int(job.count.max(initial=0))
@@ -94,7 +97,7 @@ def plan_top_up(
     found = _known_surface(surface, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
     settings, above, _ = _finished(low, nominal, settings)
-    near = _with_run_out(low, nominal, settings)
+    near = _with_run_out(low, nominal, settings, TOP_UP_RUN_OUT_WIDTHS)
     thin = MIN_TOP_UP * settings.min_layer * (finish_height(settings) or settings.layer_height)
     wanted = nominal.z + above
     near &= low | ~(smooth > wanted + thin)  # no hump grows on one
@@ -138,9 +141,11 @@ def _starts(below: np.ndarray | None) -> np.ndarray:
     return np.zeros((0, 2)) if below is None else below
 
 
-def _with_run_out(needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings) -> np.ndarray:
-    """bool: the needed area of a machined finish and the metal around it."""
-    cells = math.ceil(finish.RUN_OUT_WIDTHS * settings.bead_width / nominal.spec.resolution)
+def _with_run_out(
+    needed: np.ndarray, nominal: HeightGrid, settings: PlanSettings, widths: float
+) -> np.ndarray:
+    """bool: the needed area of a machined finish and the metal around it, so many bead widths."""
+    cells = math.ceil(widths * settings.bead_width / nominal.spec.resolution)
     return finish.with_run_out(needed, nominal.z, cells)
 
 
