@@ -69,6 +69,8 @@ def test_low_and_unseen_places_count_and_the_lowest_is_named(job):
     few = needed[: int(0.006 * len(needed)) + 1]
     unseen = z.copy()
     unseen[few[:, 0], few[:, 1]] = np.nan
+    one = replace(found, share=0.9997)
+    assert one.cleans_up and one.text.startswith('99.9% of')
     assert not stock_of(plan, unseen).cleans_up
 
 

@@ -37,7 +37,8 @@ class Stock:
     @property
     def text(self) -> str:
         """For people."""
-        said = f'{self.share:.1%} of the needed area at or above nominal'
+        share = math.floor(1e3 * self.share + 1e-9) / 10  # no 100.0 % with a place below
+        said = f'{share:.1f}% of the needed area at or above nominal'
         if self.below > 0:
             place = f'x = {self.x * 1e3:.1f} mm, y = {self.y * 1e3:.1f} mm'
             said += f', lowest {self.below * 1e3:.2f} mm below at {place}'
