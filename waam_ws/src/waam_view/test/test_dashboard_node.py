@@ -226,7 +226,7 @@ def test_heartbeats_keep_their_rate_under_a_flood_of_maps(graph, tmp_path):
             time.sleep(0.005)
     g.until(lambda: g.beats and g.beats[-1][1] == count, PATIENCE_S)
     # the topic keeps ten ticks: who answers only between two maps loses most, who is short of a processor loses some
-    assert len({us for _, us in g.beats}) >= 0.5 * count
+    assert len({us for _, us in g.beats}) >= 0.25 * count
 
 
 def frame(kind: int, flags: int, stream: int, payload: bytes) -> bytes:
