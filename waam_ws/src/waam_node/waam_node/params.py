@@ -28,7 +28,9 @@ GONE = {
         'scanner_range_far', 'part_moved_tilt', 'part_moved_step_x', 'gantry_y_', 'max_waiting',
         'spike_factor', 'max_coverage_loss', 'quiet_time', 'finish_timeout', 'metal_no_gas_loss',
         'metal_overhang_share', 'metal_film_remelt', 'arc_strike_m', 'scanner_offset_', 'scanner_fan',
-        'scanner_points', 'scanner_rate', 'horizon', 'period', 'point_step',
+        'scanner_points', 'scanner_rate', 'horizon', 'period', 'point_step', 'identity', 'require_controller',
+        'identify_timeout', 'silence_timeout', 'reconnect_period', 'queue_size', 'dwell_max', 'process_timeout',
+        'poll_period', 'discovery_period', 'metadata_period', 'split_time', 'close_timeout', 'memory_mb',
     )
 }  # fmt: skip
 
