@@ -18,7 +18,7 @@ from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 from waam_record.cli import Graph
 
-from . import audited, calibrate, cli_cell, cli_graph, cli_ports, panel
+from . import audited, calibrate, cli_cell, cli_commission, cli_graph, cli_ports, panel
 from .cell_desk import laboratory, reach
 from .cli_common import add_run, late, reader_is_gone, run_and_domain
 from .cli_job import register_job
@@ -72,6 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     _register_demo(commands)
     panel.register(commands)
     calibrate.register(commands)
+    cli_commission.register(commands)
     cli_cell.register(commands)
     cli_ports.register(commands)
     importlib.import_module('waam_plan.cli').register(commands, _check_robot, reach)

@@ -17,7 +17,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     'a running cell': ('up', 'stop', 'status', 'panel', 'demo', 'relay'),
     'jobs': ('job', 'jobs', 'report', 'view'),
     'plan and predict, without a machine': ('plan', 'forecast', 'lab', 'lab fit', 'scan', 'correct', 'robot', 'train'),
-    'set up and calibrate': ('cell', 'ports', 'calibrate', 'completion'),
+    'set up and calibrate': ('cell', 'ports', 'calibrate', 'commission', 'completion'),
     'recordings': ('record', 'replay'),
     'many cells': ('cells', 'queue', 'token', 'audit', 'notify'),
 }  # fmt: skip

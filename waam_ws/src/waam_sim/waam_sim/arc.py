@@ -87,9 +87,10 @@ _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
     'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'burnt',
 )  # fmt: skip
-READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD = (
+WIRE, READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD = (
     _STATE.index(n)
     for n in (
+        'wire',
         'reading',
         'lit',
         'current',

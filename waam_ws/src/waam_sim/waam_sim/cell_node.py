@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 import traceback
@@ -67,6 +68,7 @@ class Cell(WaamNode):
         self.create_service(LoadPart, 'cell/load_part', self._on_load)
         self.create_service(InjectFault, 'cell/inject_fault', self._on_fault)
         self.create_service(Trigger, '~/save_truth', self._on_save)
+        self.create_service(Trigger, 'cell/look', self._on_look)
         self.create_timer(1.0, self._report, clock=self.steady)
         self.level, self.message = WARN, 'starting'
         self._prepare()
@@ -218,6 +220,18 @@ class Cell(WaamNode):
             response.success, response.message = True, str(path)
         except OSError as e:
             response.message = f'{path}: {e}'
+        return response
+
+    def _on_look(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            plant = self._plant
+            seen = {
+                'torch_mm': [v * 1e3 for v in plant.torch],
+                'wire_mm': plant.fed * 1e3,
+                'gas_s': plant.gassed,
+                'spot_c': plant.spot_temperature,
+            }
+        response.success, response.message = True, json.dumps(seen)
         return response
 
     def _report(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from waam_node.params import param
 
 from .arc import ArcParams
+from .delivered import DeliveredParams
 from .distance import DistanceParams
 from .gantry import GantryParams
 from .heat import HeatParams
@@ -32,6 +33,7 @@ GROUPS = {
     'robot': RobotParams,
     'gantry': GantryParams,
     'variation': VariationParams,
+    'delivered': DeliveredParams,
 }
 
 

@@ -17,8 +17,9 @@ from waam_process.grid import HeightGrid
 from waam_process.plant_port import SAMPLE
 
 from . import part as parts
-from .arc import CURRENT_READ, FLOW, LIT, VOLTAGE_READ, Arc, ArcParams
+from .arc import CURRENT_READ, FLOW, LIT, VOLTAGE_READ, WIRE, Arc, ArcParams
 from .compiled import Settled, random_state
+from .delivered import CLOSED, TEST_CURRENT, TEST_VOLTAGE, Delivered, DeliveredParams
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
 from .faults import Faults
@@ -56,6 +57,7 @@ class PlantParams:
     robot: RobotParams = field(default_factory=RobotParams)
     gantry: GantryParams = field(default_factory=GantryParams)
     variation: VariationParams = field(default_factory=VariationParams)
+    delivered: DeliveredParams = field(default_factory=DeliveredParams)
     work_zero: tuple[float, float, float] = (0.100, 0.080, 0.020)
 
 
@@ -83,7 +85,7 @@ class Profiles:
 
 
 class Plant:
-    """The simulated cell with one work-piece. Not thread-safe: one caller at a time."""
+    """The simulated cell with one work-piece. fed: wire so far, m; gassed: for how long gas has flowed, s. Not thread-safe: one caller at a time."""
 
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
@@ -92,6 +94,8 @@ class Plant:
         self.faults = Faults()
         self.scanning = self.sensing = self._on_robot = False
         self.time_us = 0
+        self.fed = self.gassed = 0.0
+        self._delivered = Delivered(self.params.delivered)
         self._lived = np.zeros(0, SAMPLE)
         self._last = np.full(3, np.nan)
         self._before = self._last.copy()
@@ -148,19 +152,33 @@ class Plant:
         """Whether the arc burns."""
         return self.arc.value(LIT) > 0.0
 
+    @property
+    def torch(self) -> tuple[float, float, float]:
+        """Where the torch truly is over the table, m, machine; NaN before the first step."""
+        x, y, z = (self._last + self._zero).tolist()
+        return x, y, z
+
+    @property
+    def spot_temperature(self) -> float:
+        """True one where the pyrometer looks, degrees Celsius."""
+        return self.heat.at(*self.spot) + self.faults.share('warm_hand')
+
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""
         metal, heat, arc, faults, placed = self.metal, self.heat, self.arc, self.faults, self.placed
         vary = self.variation
+        wired = self.params.delivered
         now = time_us * 1e-6
+        samples = self._delivered.moved(samples)
         if self.params.gantry.on:
             asked = bool(samples['outputs'][-1] & OUTPUT_SENSING)
             samples = self.gantry.move(samples, metal.deposited, asked or self.sensing)
         self._lived = samples
-        blocked = gas_out = empty = False
+        blocked = empty = False
+        gas_out = wired.gas_valve == CLOSED
         slip = 0.0
         if faults.active:
-            blocked, gas_out = faults.on('arc_loss', now), faults.on('gas_loss', now)
+            blocked, gas_out = faults.on('arc_loss', now), gas_out or faults.on('gas_loss', now)
             slip, empty = faults.share('wire_slip'), faults.on('wire_end', now)
         self._note_scan()
         self._before[:] = self._last
@@ -173,7 +191,16 @@ class Plant:
         self._live(arrays, samples, now, blocked, gas_out, slip, empty, self._model)
         self.time_us = time_us
         self._measure_distance(len(samples) * SAMPLE_US * 1e-6)
-        inputs = INPUT_GAS_OK if arc.value(FLOW) >= 1.0 else 0
+        took = len(samples) * SAMPLE_US * 1e-6
+        self.fed += arc.value(WIRE) * took
+        flows = arc.value(FLOW) >= 1.0
+        self.gassed += took if flows else 0.0
+        inputs = INPUT_GAS_OK if flows else 0
+        if faults.active:
+            pressed = faults.on('estop_pressed', now), faults.on('limit_pressed', now)
+            inputs |= wired.inputs(*pressed)
+        else:
+            inputs |= self._delivered.at_rest
         if faults.active and faults.on('drive_fault', now):
             inputs |= INPUT_DRIVE_FAULT
         shaken = NO_SAMPLES
@@ -183,8 +210,8 @@ class Plant:
             shaken = shaken if seen is None else seen.values
         return Reading(
             inputs,
-            arc.value(CURRENT_READ),
-            arc.value(VOLTAGE_READ),
+            wired.current(arc.value(CURRENT_READ) + faults.share(TEST_CURRENT)),
+            wired.voltage_scale * (arc.value(VOLTAGE_READ) + faults.share(TEST_VOLTAGE)),
             arc.wire_reading,
             self.distance.value,
             self.distance.reading,
@@ -239,8 +266,7 @@ class Plant:
 
     def profiles(self, samples: np.ndarray) -> Profiles | None:
         """The profiles exposed during the step just simulated; None when there is none."""
-        if self.params.gantry.on:
-            samples = self._lived
+        samples = self._lived
         self.scanner.switch(self.scanning)
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
@@ -272,7 +298,9 @@ class Plant:
     def temperature(self, dt: float) -> float:
         """A pyrometer reading `dt` s after the last, degrees Celsius."""
         stuck = self.faults.on('pyrometer_stuck', self.now)
-        return self.pyrometer.read(self.heat.at(*self.spot), dt, stuck)
+        ambient = self.params.heat.ambient
+        true = self.params.delivered.temperature(self.spot_temperature, ambient)
+        return self.pyrometer.read(true, dt, stuck)
 
 
 def warm_up(params: PlantParams | None = None) -> None:

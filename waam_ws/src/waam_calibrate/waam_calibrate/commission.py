@@ -1,0 +1,239 @@
+"""Commissioning of a cell: the steps, their gates, and the book of what was found. Pure: dates are arguments.
+
+A step is passed while its last run passed, the steps that it stands on were not repeated since, and the cell file says
+the same of the machine. A step that is not built here is named, and never counts as passed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from waam_process.cli_options import as_table
+
+from .results import digest
+
+VERSION = 1
+HEAD = 'waam_commissioning'  # key of the version
+NOT_DONE, PASSED, FAILED, OUT_OF_DATE, BY_HAND = (
+    'not done', 'passed', 'failed', 'out of date', 'by hand',
+)  # fmt: skip
+SEE = 'by hand: see docs/real_cell.md'
+
+
+class CommissionError(ValueError):
+    """A book that cannot be used, or a step that is not there or not due; the text says which and why."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """name: as the command line says it; title: what it shows; after: steps that must have passed before; moves: axes
+    or wire move; powered: a current flows; built: `waam commission` does it."""
+
+    name: str
+    title: str
+    after: tuple[str, ...] = ()
+    moves: bool = False
+    powered: bool = False
+    built: bool = True
+
+
+STEPS = (
+    Step('link', 'link, firmware version, lost frames'),
+    Step('settings', 'settings of the controller against the cell file', ('link',)),
+    Step('estop', 'emergency stop, pressed and released', ('link',)),
+    Step('limits', 'every limit switch, pressed by hand', ('estop',)),
+    Step('rest', 'current, voltage and wire read nothing at rest', ('link',)),
+    Step('signals', 'known current and voltage at the sensors: sign and scale', ('rest',), powered=True),
+    Step('temperature', "the part's temperature: plausible, and rises by warmth", ('link',)),
+    Step('directions', 'every axis moves the right way', ('settings', 'estop', 'limits'), moves=True),
+    Step('homing', 'homing of all axes', ('directions',), moves=True),
+    Step('gas', 'gas valve, flow switch and strike, with the source switched off', ('homing', 'signals'),
+         moves=True, powered=True),
+    Step('steps', 'steps per mm of X, Y and Z by measured lengths', ('homing',), moves=True),
+    Step('skew', 'squareness of X and Y by measured diagonals', ('steps',), moves=True),
+    Step('wire', 'wire wheel: length fed against counted', ('estop',), moves=True),
+    Step('resonance', 'waam calibrate resonance', ('steps',), moves=True, built=False),
+    Step('scales', 'scales of the source', ('signals',), powered=True, built=False),
+    Step('first-arc', 'first arc on scrap', ('gas', 'skew', 'wire'), moves=True, powered=True, built=False),
+    Step('lead', 'waam calibrate lead', ('first-arc',), moves=True, powered=True, built=False),
+    Step('scanner', 'waam scan calibrate', ('skew',), moves=True, built=False),
+    Step('pyrometer', 'pyrometer against a contact thermometer', ('first-arc',), built=False),
+    Step('first-part', 'first bead, first wall, first corrected part', ('lead', 'scanner', 'pyrometer'), moves=True,
+         powered=True, built=False),
+)  # fmt: skip
+BY_NAME = {step.name: step for step in STEPS}
+BUILT = tuple(step for step in STEPS if step.built)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One figure of a step against its limits, both in the unit; what is not a number is not good."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str = ''
+
+    @property
+    def good(self) -> bool:
+        """Within its limits, ends included."""
+        return self.low <= self.value <= self.high
+
+    @property
+    def text(self) -> str:
+        """Value, unit, limits."""
+        unit = f' {self.unit}' if self.unit else ''
+        return f'{self.name} {self.value:.4g}{unit} (limits {self.low:g} .. {self.high:g}{unit})'
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of a step found. text: in a line; mend: what to do about it, '' = nothing; answers: what the operator
+    said, by the id of the question."""
+
+    passed: bool
+    text: str
+    checks: tuple[Check, ...] = ()
+    mend: str = ''
+    answers: Mapping[str, str] = field(default_factory=dict)
+
+
+def judged(checks: Iterable[Check], text: str, mend: str) -> Outcome:
+    """Passed when all checks are good, else the first one that is not is the text."""
+    checks = tuple(checks)
+    bad = next((c for c in checks if not c.good), None)
+    if bad is None:
+        return Outcome(True, text, checks)
+    return Outcome(False, bad.text, checks, mend)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """The last run of a step. order: counts the runs of the book; date: ISO 8601; machine: hash of the machine's part
+    of the cell file then; firmware: of the controller."""
+
+    step: str
+    order: int
+    date: str
+    machine: str
+    firmware: str
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class Book:
+    """Runs of a cell, the last one of each step. machine: hash of the machine's part of the cell file as it is now."""
+
+    cell: str
+    machine: str
+    entries: Mapping[str, Entry] = field(default_factory=dict)
+
+    def state(self, name: str) -> str:
+        """NOT_DONE and the others; KeyError for a step that is not there."""
+        step, entry = BY_NAME[name], self.entries.get(name)
+        if not step.built:
+            return BY_HAND
+        if entry is None:
+            return NOT_DONE
+        if not entry.outcome.passed:
+            return FAILED
+        return PASSED if self.why_old(name) == '' else OUT_OF_DATE
+
+    def why_old(self, name: str) -> str:
+        """Why the last run does not count any more, '' = it does."""
+        entry = self.entries[name]
+        if entry.machine != self.machine:
+            return 'the cell file says something else of the machine'
+        for gate in BY_NAME[name].after:
+            before = self.entries.get(gate)
+            if before is None or self.state(gate) != PASSED:
+                return f'{gate} is {self.state(gate)}'
+            if before.order > entry.order:
+                return f'{gate} was repeated'
+        return ''
+
+    def closed(self, name: str) -> list[str]:
+        """Gates that keep the step from being run: `name is state` of each."""
+        states = ((gate, self.state(gate)) for gate in BY_NAME[name].after)
+        return [f'{gate} is {state}' for gate, state in states if state != PASSED]
+
+    def due(self) -> Step | None:
+        """The first built step that has not passed; None when all have."""
+        return next((step for step in BUILT if self.state(step.name) != PASSED), None)
+
+    def with_run(self, name: str, outcome: Outcome, date: str, firmware: str) -> Book:
+        """The book after one more run."""
+        order = 1 + max((e.order for e in self.entries.values()), default=0)
+        entry = Entry(name, order, date, self.machine, firmware, outcome)
+        return replace(self, entries={**self.entries, name: entry})
+
+    @property
+    def passed(self) -> int:
+        """How many built steps have passed."""
+        return sum(self.state(step.name) == PASSED for step in BUILT)
+
+
+def wanted(name: str) -> Step:
+    """The built step of that name. CommissionError names what there is."""
+    step = BY_NAME.get(name)
+    if step is None:
+        raise CommissionError(
+            f'there is no step {name!r}; known are {", ".join(s.name for s in BUILT)}'
+        )
+    if not step.built:
+        raise CommissionError(f'step {name} is done {SEE}')
+    return step
+
+
+def table(book: Book) -> str:
+    """All steps for the screen: state, date, what was found."""
+    rows = [(s.name, book.state(s.name), *_last(book, s), s.title) for s in STEPS]
+    by_hand = len(STEPS) - len(BUILT)
+    foot = f'{book.passed} of {len(BUILT)} steps passed; {by_hand} more are done by hand'
+    return f'{as_table(("step", "state", "date", "shows"), rows)}\n{foot}'
+
+
+def _last(book: Book, step: Step) -> tuple[str]:
+    entry = book.entries.get(step.name)
+    return (entry.date[:16].replace('T', ' ') if entry else '',)
+
+
+def to_data(book: Book) -> dict[str, Any]:
+    """What the file says, its hash included."""
+    entries = [asdict(e) for e in sorted(book.entries.values(), key=lambda e: e.order)]
+    for entry in entries:
+        entry['outcome']['checks'] = [list(c.values()) for c in entry['outcome']['checks']]
+    data = {HEAD: VERSION, 'cell': book.cell, 'entries': entries}
+    data['sha256'] = digest(data)
+    return data
+
+
+def from_data(data: Any, cell: str, machine: str) -> Book:
+    """The book of a cell. CommissionError when it is none, belongs to another cell or was changed."""
+    if not isinstance(data, dict) or data.get(HEAD) != VERSION:
+        raise CommissionError(f'not a book of a commissioning of version {VERSION}')
+    if data.get('cell') != cell:
+        raise CommissionError(f"belongs to the cell {data.get('cell')!r}, not {cell!r}")
+    if data.get('sha256') != digest(data):
+        raise CommissionError('was changed by hand (its hash does not fit): commission again')
+    try:
+        entries = {e['step']: _entry(e) for e in data['entries']}
+    except (KeyError, TypeError, ValueError) as e:
+        raise CommissionError(f'field missing or wrong: {e}') from None
+    return Book(cell, machine, {n: e for n, e in entries.items() if n in BY_NAME})
+
+
+def _entry(data: dict[str, Any]) -> Entry:
+    told = dict(data['outcome'])
+    told['checks'] = tuple(
+        Check(str(name), *(float(v) for v in numbers), str(unit))
+        for name, *numbers, unit in told['checks']
+    )
+    order = data['order']
+    if not isinstance(order, int) or not math.isfinite(order):
+        raise ValueError(f'order {order!r} is no whole number')
+    return Entry(**{**data, 'outcome': Outcome(**told)})
