@@ -40,6 +40,7 @@ NOT_NEEDED = (
     'dashboard', 'panel',
 )  # fmt: skip
 PRESET = 'recorded'
+PATIENCE_S = 20.0  # for a press that the controller does not see
 
 
 def measure() -> None:
@@ -58,7 +59,7 @@ def measure() -> None:
         hidden = drawn(seed, 0)
         with folder() as calibrations, started(hidden) as cell:
             shelf, hand = Shelf(cell_check.load(cell_check.path_of(NAME)), calibrations), Hand(cell, seed)
-            stops += go_on(shelf, cell, hand, say=note)
+            stops += go_on(shelf, cell, hand, say=note, patience=PATIENCE_S)
             questions = max(questions, len(hand.asked))
             found_now = {name: e.outcome for name, e in shelf.book.entries.items() if e.outcome.passed}
         if 'steps' in found_now:
@@ -83,7 +84,7 @@ def search(hidden: Hidden) -> tuple[int, int]:
     for attempt in range(1 + len(hidden.faults)):
         with started(hidden) as cell:
             shelf = Shelf(cell_check.load(cell_check.path_of(NAME)), calibrations)
-            status = go_on(shelf, cell, Hand(cell, hidden.seed), say=note)
+            status = go_on(shelf, cell, Hand(cell, hidden.seed), say=note, patience=PATIENCE_S)
             if attempt == 0:
                 plain = min(refused(cell), len(hidden.faults))
         due = shelf.book.due()

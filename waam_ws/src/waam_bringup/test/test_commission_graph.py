@@ -89,7 +89,7 @@ def test_what_is_connected_wrongly_is_found_each_in_its_step(tmp_path):
         hand, on = Hand(cell), shelf(tmp_path)
 
         def step(name: str) -> Outcome:
-            return run(Visit(BY_NAME[name], cell, hand, on.file, on.kept))
+            return run(Visit(BY_NAME[name], cell, hand, on.file, on.kept, patience=15.0))
 
         assert step('estop').passed and step('rest').passed
         for name, said in (

@@ -31,7 +31,7 @@ from waam_shop.cells import check_name
 from . import cell_check, paths
 from .cli_common import run_and_domain
 from .commission_cell import CommissionedCell
-from .commission_steps import Operator, Question, Visit, run
+from .commission_steps import HAND_S, Operator, Question, Visit, run
 from .operate import require_up
 
 FOLDER, BOOK, PAGE = 'commission', 'book.yaml', 'page.html'
@@ -177,16 +177,17 @@ def _cell_file() -> CellFile:
 
 def go_on(
     shelf: Shelf, cell: CommissionedCell, operator: Operator, sure: bool = False, only: Step | None = None,
-    say: Callable[[str], None] = print,
+    say: Callable[[str], None] = print, patience: float = HAND_S,
 ) -> int:  # fmt: skip
-    """Runs `only`, or every step that is due until one fails. Exit status. CommissionError for a closed gate."""
+    """Runs `only`, or every step that is due until one fails. Exit status. patience: s for what is done by hand.
+    CommissionError for a closed gate."""
     if job := cell.running_job():
         raise CommissionError(f'a job is running: {job.job_id} (waam status, waam job abort)')
     while (step := only or shelf.book.due()) is not None:
         if closed := shelf.book.closed(step.name):
             raise CommissionError(f'step {step.name} is not due: {"; ".join(closed)}')
         say(f'{step.name}: {step.title}')
-        outcome = run(Visit(step, cell, operator, shelf.file, shelf.kept, sure))
+        outcome = run(Visit(step, cell, operator, shelf.file, shelf.kept, sure, patience))
         shelf.add(step, outcome, cell.machine.firmware_version if cell.machine else '')
         say(f'     {"passed" if outcome.passed else "FAILED"}: {outcome.text}')
         if not outcome.passed:

@@ -27,7 +27,7 @@ from .client import ClientError
 from .commission_cell import CommissionedCell
 
 ESTOP, LIMIT, INPUTS = 300, 301, 303  # faults of the controller
-HAND_S = 120.0  # that a person has for what he is told to do
+HAND_S = 120.0
 TURNED = 3.0  # K, or A or V in ten: what shows that a person has done it
 COUNTS_PER_MM = 40.0  # of the wire wheel, as the controller is built
 WHEEL_MM = 35.0
@@ -75,7 +75,8 @@ class Operator(Protocol):
 
 @dataclass
 class Visit:
-    """One run of a step. kept: folder of calibrations; sure: yes to questions of steps without motion and current."""
+    """One run of a step. kept: folder of calibrations; sure: yes to questions of steps without motion and current;
+    patience: s that a person has for what he is told to do."""
 
     step: Step
     cell: CommissionedCell
@@ -83,6 +84,7 @@ class Visit:
     file: CellFile
     kept: Path
     sure: bool = False
+    patience: float = HAND_S
     answers: dict[str, str] = field(default_factory=dict)
 
     def ask(self, name: str, text: str, words: Sequence[str] = (), **limits: Any) -> str:
@@ -103,7 +105,7 @@ class Visit:
     def by_hand(self, name: str, text: str, seen: Callable[[], object]) -> bool:
         """Says what is to be done, and waits until it shows; False when it does not."""
         self.operator.do(f'{self.step.name}.{name}', text, False)
-        return self.cell.until(seen, HAND_S)
+        return self.cell.until(seen, self.patience)
 
     def say(self, name: str, text: str) -> None:
         """What is to be done and shows nowhere; returns when it is done."""
