@@ -15,7 +15,7 @@ from waam_node.qos import BEAT
 from waam_process.segment import Kind, Segment
 
 from .client import ANSWER_S, MATCHING_S, SERVER_S, ClientError
-from .shaking import HOMING_S, SILENT_S, Shaking
+from .shaking import HOMING_S, NAME, SILENT_S, Shaking
 
 FRAMES = 100  # of telemetry that a reading takes
 READINGS = 20  # of the temperature
@@ -24,6 +24,7 @@ STATE_S = 10.0  # until the state shows what was done
 JOG_SPEED, TRAVEL_SPEED = 0.005, 0.04  # m/s
 STRIKE_S = 120.0
 END_MM = 10.0
+NOTHING_MM = 0.01
 TRIES = 2  # of a request that does no harm twice
 ONCE = (Command.Request.JOG, Command.Request.JOG_WIRE)
 STRIKE = {'wire_feed_speed': 0.05, 'voltage': 18.0}  # SI, in the middle of what a bridge takes
@@ -130,6 +131,8 @@ class CommissionedCell(Shaking):
 
     def jog(self, axis: str, mm: float, speed: float = JOG_SPEED) -> None:
         """Moves by so much and waits until the machine rests. ClientError when it does not get there."""
+        if abs(mm) < NOTHING_MM:
+            return
         before = self._at(axis)
         vector = Vector3(**{axis: 1e-3 * mm})
         error, said = self.order(Command.Request.JOG, vector=vector, value=speed)
@@ -152,7 +155,8 @@ class CommissionedCell(Shaking):
     def home(self) -> None:
         """ClientError when it is refused, or the machine does not come to rest homed."""
         self.command(Command.Request.HOME)
-        self.until(lambda: self.machine is not None and not self._rests(), 1.0)
+        self.fresh(5)
+        self.until(lambda: not self._rests(), 1.0)  # the state of before
         ended = self.until(lambda: self._rests() or self.in_alarm(), HOMING_S)
         if not ended or not self._rests():
             m = self.known()
@@ -183,10 +187,10 @@ class CommissionedCell(Shaking):
         speed = np.array([f.wire_feed_speed for f in self.frames])
         return float(1e3 * np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(seconds)))
 
-    def strike(self, job: str) -> tuple[int, bool]:
+    def strike(self) -> tuple[int, bool]:
         """An arc start where the machine stands, with the source off: code of the fault that ended it (0 = none did),
         and whether an arc was there. The machine is stopped and disarmed afterwards."""
-        here = self.here
+        here, job = self.here, f'{NAME}_{self.node.get_clock().now().nanoseconds}'
         segment = Segment(0, Kind.DWELL, here, here, 0.0, arc=True, dwell=0.5, **STRIKE)
         self.frames.clear()
         self.command(Command.Request.ARM, job)

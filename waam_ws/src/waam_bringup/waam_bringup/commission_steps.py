@@ -24,7 +24,7 @@ from waam_process.cell_file import CellFile
 from waam_process.cell_keys import AXES
 
 from .client import ClientError
-from .commission_cell import CommissionedCell
+from .commission_cell import END_MM, CommissionedCell
 
 ESTOP, LIMIT, INPUTS = 300, 301, 303  # faults of the controller
 HAND_S = 120.0
@@ -37,7 +37,6 @@ MARGIN = 0.05  # of the travel, before the first length
 FRAME = 0.5  # side of the frame over the travel
 LONGEST_MM = 1000.0  # that is measured
 RELEASED = 20  # frames in which a switch has opened
-JOB = 'calibration_commission'
 SWITCHES = tuple(f'{axis}_{end}' for axis in 'xyz' for end in ('low', 'high'))
 
 
@@ -313,9 +312,10 @@ def gas(visit: Visit) -> Outcome:
         f'nothing. Wire is fed and the gas valve opens for some seconds. {STAND_CLEAR}'
     )
     _at_home(visit)
+    cell.go('z', cell.travel()[2] - END_MM)
     before = visit.ask('at_rest', 'Does gas flow at the nozzle now?', YES)
     visit.say('listen', 'Listen at the nozzle: the valve is told to open.')
-    fault, burnt = cell.strike(JOB)
+    fault, burnt = cell.strike()
     flowed = 'no' if burnt else visit.ask('flowed', 'Did gas flow at the nozzle?', YES)
     return checks.gas(fault, burnt, before == 'yes', flowed == 'yes')
 

@@ -72,17 +72,18 @@ class DeliveredParams:
 
 
 class Delivered:
-    """`moved` turns what the controller gives out into what the cell does."""
+    """`moved` turns what the controller gives out into what the cell does; as_ordered: it changes nothing. at_rest:
+    input bits while nobody presses anything."""
 
     def __init__(self, params: DeliveredParams) -> None:
         self.params = params
         self.at_rest = params.inputs(False, False)
         self._turns = params.turns
-        self._as_ordered = np.array_equal(self._turns, np.eye(3)) and params.gas_valve != OPEN
+        self.as_ordered = np.array_equal(self._turns, np.eye(3)) and params.gas_valve != OPEN
 
     def moved(self, samples: np.ndarray) -> np.ndarray:
         """Samples (n,) of SAMPLE as torch, table and valve really go; the same array where nothing is wrong."""
-        if self._as_ordered:
+        if self.as_ordered:
             return samples
         out = samples.copy()
         way = np.stack([-samples['table_x'], -samples['table_y'], samples['tool_z']], axis=1)

@@ -266,7 +266,8 @@ class Plant:
 
     def profiles(self, samples: np.ndarray) -> Profiles | None:
         """The profiles exposed during the step just simulated; None when there is none."""
-        samples = self._lived
+        if self.params.gantry.on or not self._delivered.as_ordered:
+            samples = self._lived
         self.scanner.switch(self.scanning)
         period = round(1e6 / self.params.scanner.rate)
         first_us = self.time_us - SAMPLE_US * (len(samples) - 1)
