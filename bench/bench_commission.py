@@ -1,14 +1,14 @@
-"""`waam commission` on simulated cells as delivered, over the graph: virtual controller on its pty, simulated cell, DDS.
+"""`waam commission` on simulated cells as delivered, over the graph: virtual controller on its pty, cell, DDS.
 
 commission.faults_found: share of the wiring faults that end the wizard in the step that is there for them, before
 there is an arc; one that is found is mended and the wizard goes on. Cells with one or two faults, seeds 1, 2, ...
 (baseline: what reset and homing alone refuse, the plain procedure without checks).
-commission.false_stops: healthy cells, off as delivered, on which a step fails, seeds 51, 52, ... (baseline: none stops).
+commission.false_stops: healthy cells, off as delivered, on which a step fails, seeds 51, 52, ... (baseline: none).
 commission.questions: asked of the operator on a healthy cell.
 commission.steps_error_pct, commission.skew_error_deg: worst of the healthy cells, found against true (baseline: what
 the cell has unless it is commissioned).
 
-A cell takes one to three minutes. WAAM_COMMISSION_CELLS=20,10: how many faulty and healthy ones (default 4,2).
+WAAM_COMMISSION_CELLS=20,10: how many faulty and healthy ones (default 4,2).
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class CommissionedCell(Shaking):
         self.frames.append(message)
 
     def ask(self, kind: Any, name: str, request: Any, repeat: bool = True) -> Any:
-        """The answer of a service, whose client is kept. repeat: a request that does no harm twice is sent again, as the
+        """The answer of a service, whose client is kept. repeat: one that does no harm twice is sent again, as the
         answer to a new client may be lost. ClientError when there is none."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, name)

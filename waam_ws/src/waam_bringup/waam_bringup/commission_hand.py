@@ -25,7 +25,7 @@ DOES = {  # action -> fault of the cell, value; all others only make an end of i
     'temperature.warm': ('warm_hand', WARMER_K),
     **{f'limits.{name}': ('limit_pressed', 0.0) for name in SWITCHES},
 }
-LETS_GO = ('_off', '.cool')
+LETS_GO = ('_off', '.cool', '.out')
 SAYS = {'signals.current_told': f'{AMPERES:g}', 'signals.voltage_told': f'{VOLTS:g}'}
 
 
@@ -71,8 +71,6 @@ class Hand:
         step, _, name = question.id.partition('.')
         if question.id in SAYS:
             return SAYS[question.id]
-        if question.id == 'estop.out':
-            self._put('none', 0.0)
         if step == 'directions' and name in 'xyz':
             return self._way()
         if question.id == 'temperature.told':

@@ -175,10 +175,9 @@ def estop(visit: Visit) -> Outcome:
         return Outcome(False, 'pressed, and the controller did not see it', (), 'wire it to its input')
     if not cell.reset():
         return Outcome(False, 'pressed, and a reset was taken', (), 'the contact must stay open')
-    visit.ask('out', 'Release the emergency stop (pull it out). Is it out?', YES)
-    if refused := cell.reset():
-        text = f'released again, the controller says: {refused}'
-        return Outcome(False, text, (), 'the contact does not close any more')
+    text = 'Release the emergency stop (pull it out).'
+    if not visit.by_hand('out', text, lambda: not cell.reset()):
+        return Outcome(False, 'released, and no reset is taken', (), 'the contact does not close any more')
     return Outcome(True, 'pressed: ALARM 300, reset refused; released: reset taken')
 
 
@@ -377,7 +376,8 @@ def skew(visit: Visit) -> Outcome:
     }
     result = measures.skew(told['side'], told['rising'], told['falling'])
     _keep(visit, result)
-    shown = Check('y leans towards x', result.values['y_to_x_deg'], -measures.LARGEST_SKEW, measures.LARGEST_SKEW, 'deg')
+    leans, most = result.values['y_to_x_deg'], measures.LARGEST_SKEW
+    shown = Check('y leans towards x', leans, -most, most, 'deg')
     if result.refuses:
         mend = 'square the rails of Y; what is left is corrected by waam correct --y-to-x'
         return Outcome(False, result.refuses, (shown,), mend)

@@ -17,7 +17,6 @@ from waam_calibrate.commission import (
     FAILED,
     NOT_DONE,
     OUT_OF_DATE,
-    PASSED,
     STEPS,
     Book,
     Check,
@@ -187,7 +186,13 @@ def test_the_temperature():
 
 @pytest.mark.parametrize(
     ('told', 'way', 'mend'),
-    [('+x', '+x', ''), ('-z', '-z', ''), ('+x', '-x', 'other way'), ('+x', '+y', 'swapped'), ('+y', 'none', 'not move')],
+    [
+        ('+x', '+x', ''),
+        ('-z', '-z', ''),
+        ('+x', '-x', 'other way'),
+        ('+x', '+y', 'swapped'),
+        ('+y', 'none', 'not move'),
+    ],
 )
 def test_a_direction(told, way, mend):
     found = checks.direction(told[1], told, way)

@@ -1,4 +1,4 @@
-"""The cell as delivered: what is connected wrongly or is off shows where a person or a sensor looks, and nowhere else."""
+"""The cell as delivered: what is connected wrongly or is off shows where a person or a sensor looks."""
 
 from __future__ import annotations
 

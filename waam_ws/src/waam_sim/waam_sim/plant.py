@@ -85,7 +85,8 @@ class Profiles:
 
 
 class Plant:
-    """The simulated cell with one work-piece. fed: wire so far, m; gassed: for how long gas has flowed, s. Not thread-safe: one caller at a time."""
+    """The simulated cell with one work-piece. fed: wire so far, m; gassed: for how long gas has flowed, s.
+    Not thread-safe: one caller at a time."""
 
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
