@@ -53,15 +53,27 @@ def measure() -> None:
             by_wizard, by_plain = search(hidden)
         found, plain = found + by_wizard, plain + by_plain
     if total:
-        emit('commission.faults_found', found / total, '', 'reset and homing alone', plain / total, PRESET)
+        emit(
+            'commission.faults_found',
+            found / total,
+            '',
+            'reset and homing alone',
+            plain / total,
+            PRESET,
+        )
     stops, questions, steps, skews, before, lean = 0, 0, [0.0], [0.0], [0.0], [0.0]
     for seed in range(51, 51 + healthy):
         hidden = drawn(seed, 0)
         with folder() as calibrations, started(hidden) as cell:
-            shelf, hand = Shelf(cell_check.load(cell_check.path_of(NAME)), calibrations), Hand(cell, seed)
+            shelf, hand = (
+                Shelf(cell_check.load(cell_check.path_of(NAME)), calibrations),
+                Hand(cell, seed),
+            )
             stops += go_on(shelf, cell, hand, say=note, patience=PATIENCE_S)
             questions = max(questions, len(hand.asked))
-            found_now = {name: e.outcome for name, e in shelf.book.entries.items() if e.outcome.passed}
+            found_now = {
+                name: e.outcome for name, e in shelf.book.entries.items() if e.outcome.passed
+            }
         if 'steps' in found_now:
             scales = [c.value for c in found_now['steps'].checks]
             true = [STEPS / s for s in hidden.machine_steps]
@@ -74,8 +86,22 @@ def measure() -> None:
     if healthy:
         emit('commission.false_stops', stops, 'cells', 'no check', 0, PRESET)
         emit('commission.questions', questions, '', 'no check', 0, PRESET)
-        emit('commission.steps_error_pct', max(steps), '%', 'not commissioned', round(max(before), 4), PRESET)
-        emit('commission.skew_error_deg', max(skews), 'deg', 'not commissioned', round(max(lean), 4), PRESET)
+        emit(
+            'commission.steps_error_pct',
+            max(steps),
+            '%',
+            'not commissioned',
+            round(max(before), 4),
+            PRESET,
+        )
+        emit(
+            'commission.skew_error_deg',
+            max(skews),
+            'deg',
+            'not commissioned',
+            round(max(lean), 4),
+            PRESET,
+        )
 
 
 def search(hidden: Hidden) -> tuple[int, int]:

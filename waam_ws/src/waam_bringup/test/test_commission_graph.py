@@ -40,7 +40,9 @@ def folders(tmp_path, monkeypatch):
 
 
 @contextmanager
-def started(tmp_path: Path, hidden: dict, steps=(320.0, 320.0, 320.0)) -> Iterator[tuple[Path, int]]:
+def started(
+    tmp_path: Path, hidden: dict, steps=(320.0, 320.0, 320.0)
+) -> Iterator[tuple[Path, int]]:
     """The cell as delivered, on its graph: folder and domain."""
     file = tmp_path / 'delivered.yaml'
     file.write_text(yaml.safe_dump({'/**/cell': {'ros__parameters': hidden}}))

@@ -14,8 +14,8 @@ from . import panel
 
 # verb -> sub-verbs that command a cell or change what belongs to the shop, () = all of them
 COMMANDS: dict[str, tuple[str, ...]] = {
-    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'commission': (), 'jobs': ('delete', 'retain', 'policy'),
-    'panel': (), 'relay': (),
+    'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'commission': (),
+    'jobs': ('delete', 'retain', 'policy'), 'panel': (), 'relay': (),
     'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
     'record': ('start', 'stop', 'split', 'pause', 'resume'), 'replay': ('play',),
 }  # fmt: skip

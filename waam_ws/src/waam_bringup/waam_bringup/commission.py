@@ -108,7 +108,9 @@ def _line(text: str) -> str:
     try:
         return input(text)
     except EOFError:
-        raise CommissionError('nobody answers: give --answers FILE where there is no keyboard') from None
+        raise CommissionError(
+            'nobody answers: give --answers FILE where there is no keyboard'
+        ) from None
 
 
 class AnswerFile:

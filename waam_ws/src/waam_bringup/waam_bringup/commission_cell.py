@@ -138,9 +138,13 @@ class CommissionedCell(Shaking):
         error, said = self.order(Command.Request.JOG, vector=vector, value=speed)
         if error:
             raise ClientError(f'jog of {axis} by {mm:g} mm: {said}')
-        if not self.until(lambda: self._stands(axis, before + mm), SILENT_S + abs(mm) * 1e-3 / speed):
+        if not self.until(
+            lambda: self._stands(axis, before + mm), SILENT_S + abs(mm) * 1e-3 / speed
+        ):
             m = self.known()
-            raise ClientError(f'jog of {axis} by {mm:g} mm did not end: {m.fault_text or m.message}')
+            raise ClientError(
+                f'jog of {axis} by {mm:g} mm did not end: {m.fault_text or m.message}'
+            )
 
     def _at(self, axis: str) -> float:
         """mm, work frame, by the newest telemetry."""
@@ -213,6 +217,8 @@ class CommissionedCell(Shaking):
 def _stopped(frames: list[Telemetry], still: int) -> bool:
     last = frames[-still:]
     begun = any(f.wire_feed_commanded for f in frames)
-    return begun and len(last) == still and not any(
-        f.wire_feed_commanded or f.wire_feed_speed > 1e-4 for f in last
+    return (
+        begun
+        and len(last) == still
+        and not any(f.wire_feed_commanded or f.wire_feed_speed > 1e-4 for f in last)
     )

@@ -13,8 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from waam_bridge.gantry import ENVELOPE, STEPS
-from waam_calibrate import measures, outcome, report, store, wire
 from waam_calibrate import commission_checks as checks
+from waam_calibrate import measures, outcome, report, store, wire
 from waam_calibrate.cli import UNDERFEED
 from waam_calibrate.commission import Check, CommissionError, Outcome, Step
 from waam_calibrate.evidence import EvidenceError
@@ -90,10 +90,8 @@ class Visit:
         """The answer, noted."""
         question = Question(f'{self.step.name}.{name}', text, tuple(words), **limits)
         harmless = not (self.step.moves or self.step.powered)
-        if self.sure and harmless and question.words == YES:
-            answer = 'yes'
-        else:
-            answer = self.operator.ask(question)
+        known = self.sure and harmless and question.words == YES
+        answer = 'yes' if known else self.operator.ask(question)
         self.answers[question.id] = answer
         return answer
 
@@ -170,14 +168,23 @@ def estop(visit: Visit) -> Outcome:
         raise CommissionError('step estop: release the emergency stop first')
     if refused := cell.reset():
         text = f'released, the controller says: {refused}'
-        return Outcome(False, text, (), 'its contact is reversed (it must open when pressed) or a wire is broken')
+        return Outcome(
+            False,
+            text,
+            (),
+            'its contact is reversed (it must open when pressed) or a wire is broken',
+        )
     if not visit.by_hand('press', 'Press the emergency stop.', lambda: cell.alarmed(ESTOP)):
-        return Outcome(False, 'pressed, and the controller did not see it', (), 'wire it to its input')
+        return Outcome(
+            False, 'pressed, and the controller did not see it', (), 'wire it to its input'
+        )
     if not cell.reset():
         return Outcome(False, 'pressed, and a reset was taken', (), 'the contact must stay open')
     text = 'Release the emergency stop (pull it out).'
     if not visit.by_hand('out', text, lambda: not cell.reset()):
-        return Outcome(False, 'released, and no reset is taken', (), 'the contact does not close any more')
+        return Outcome(
+            False, 'released, and no reset is taken', (), 'the contact does not close any more'
+        )
     return Outcome(True, 'pressed: ALARM 300, reset refused; released: reset taken')
 
 
@@ -191,19 +198,25 @@ def limits(visit: Visit) -> Outcome:
         text = f'Press the limit switch of {axis.upper()} at its {end} end, and hold it.'
         if not visit.by_hand(name, text, lambda: cell.alarmed(LIMIT)):
             what = f'the switch of {axis} at its {end} end was pressed, and the controller saw no change'
-            mend = 'it is bridged or not in the chain, or the chain is broken and always reads pressed'
+            mend = (
+                'it is bridged or not in the chain, or the chain is broken and always reads pressed'
+            )
             return Outcome(False, what, (), mend)
         visit.say(f'{name}_off', 'Let it go.')
         cell.fresh(RELEASED)
         if refused := cell.reset():
-            return Outcome(False, f'the controller says: {refused}', (), 'see to it, then limits again')
+            return Outcome(
+                False, f'the controller says: {refused}', (), 'see to it, then limits again'
+            )
     return Outcome(True, f'{len(SWITCHES)} switches seen')
 
 
 def rest(visit: Visit) -> Outcome:
     """Sensors of the arc without an arc."""
     frames = visit.cell.fresh()
-    return checks.rest(*(_values(frames, n) for n in ('arc_current', 'arc_voltage', 'wire_feed_speed')))
+    return checks.rest(
+        *(_values(frames, n) for n in ('arc_current', 'arc_voltage', 'wire_feed_speed'))
+    )
 
 
 def _values(frames: list[Any], name: str) -> np.ndarray:
@@ -225,20 +238,26 @@ def signals(visit: Visit) -> Outcome:
     ):  # fmt: skip
         visit.say(name, f'Put on {how}.')
         what = 'A times turns' if unit == 'A' else unit
-        told = visit.number(f'{name}_told', f'What does the supply say, in {what}?', low, high, unit)
+        told = visit.number(
+            f'{name}_told', f'What does the supply say, in {what}?', low, high, unit
+        )
         judged = _signal(visit, name, field_name, told, unit)
         visit.say(f'{name}_off', 'Take it off again.')
         found.append(judged)
         if not judged.passed:
             return replace(judged, checks=tuple(c for f in found for c in f.checks))
-    return Outcome(True, '; '.join(f.text for f in found), tuple(c for f in found for c in f.checks))
+    return Outcome(
+        True, '; '.join(f.text for f in found), tuple(c for f in found for c in f.checks)
+    )
 
 
 def _signal(visit: Visit, name: str, field_name: str, told: float, unit: str) -> Outcome:
     frames = visit.cell.fresh()
     if visit.cell.alarmed(INPUTS):
         text = f'with {told:g} {unit} the reading of the {name} is at the end of its range (303)'
-        return Outcome(False, text, (), f'the {name} sensor is upside down, torn off or of another range')
+        return Outcome(
+            False, text, (), f'the {name} sensor is upside down, torn off or of another range'
+        )
     return checks.signal(name, told, _values(frames, field_name), unit)
 
 
@@ -252,7 +271,9 @@ def temperature(visit: Visit) -> Outcome:
         return Outcome(False, text, (Check('at rest', read, *checks.PLAUSIBLE_C, 'degC'),), mend)
     if not checks.PLAUSIBLE_C[0] <= read <= checks.PLAUSIBLE_C[1]:
         return checks.temperature(read, read, math.nan)
-    told = visit.number('told', 'What does a hand thermometer say where it measures?', -40.0, 100.0, 'degC')
+    told = visit.number(
+        'told', 'What does a hand thermometer say where it measures?', -40.0, 100.0, 'degC'
+    )
 
     def turned() -> bool:
         return len(cell.celsius) >= 5 and abs(np.mean(cell.celsius[-5:]) - read) > TURNED
@@ -273,10 +294,10 @@ def directions(visit: Visit) -> Outcome:
     cell = visit.cell
     if refused := cell.reset():
         return Outcome(False, f'the controller says: {refused}', (), 'repeat estop and limits')
-    visit.ready(f'Every axis stands 20 mm from its ends at least, and moves by {checks.JOG_MM:g} mm. {STAND_CLEAR}')
-    text = (
-        'which way did the torch go over the table? x: to the right, y: to the back, z: up, seen from the front'
+    visit.ready(
+        f'Every axis stands 20 mm from its ends at least, and moves by {checks.JOG_MM:g} mm. {STAND_CLEAR}'
     )
+    text = 'which way did the torch go over the table? x: to the right, y: to the back, z: up, seen from the front'
     for axis in 'zxy':
         visit.say(f'{axis}_look', f'Look at the torch: {axis.upper()} moves next.')
         up = not cell.at_top(axis)
@@ -296,10 +317,14 @@ def homing(visit: Visit) -> Outcome:
         return Outcome(False, f'the controller says: {refused}', (), 'repeat estop and limits')
     visit.ready(f'The machine homes: Z up, then X and Y to their switches. {STAND_CLEAR}')
     cell.home()
-    seen = visit.ask('ends', 'Is Z at its upper end, and do X and Y stand at their home switches?', YES)
+    seen = visit.ask(
+        'ends', 'Is Z at its upper end, and do X and Y stand at their home switches?', YES
+    )
     if seen != 'yes':
         text = 'the axes do not stand at their home switches'
-        return Outcome(False, text, (), 'axes.x.home, axes.y.home of the cell file, or swapped switches')
+        return Outcome(
+            False, text, (), 'axes.x.home, axes.y.home of the cell file, or swapped switches'
+        )
     return Outcome(True, 'homed; the axes stand at their switches')
 
 
@@ -361,7 +386,9 @@ def _lengths(visit: Visit, axis: str, most: float, size: float) -> tuple[list[fl
 def skew(visit: Visit) -> Outcome:
     """A frame of four marks, one side and both diagonals."""
     cell = visit.cell
-    visit.ready(f'The torch goes to the four corners of a square, where you mark its place. {STAND_CLEAR}')
+    visit.ready(
+        f'The torch goes to the four corners of a square, where you mark its place. {STAND_CLEAR}'
+    )
     _at_home(visit)
     x, y, _ = cell.travel()
     side = round(FRAME * min(x, y, LONGEST_MM))
@@ -371,7 +398,9 @@ def skew(visit: Visit) -> Outcome:
         cell.go('y', low['y'] + v * side)
         visit.say(f'mark_{number}', f'Mark the place of the torch on the table: {number}.')
     told = {
-        name: visit.number(name, f'How far is it from mark {a} to mark {b}?', 0.5 * side, 2.0 * side, 'mm')
+        name: visit.number(
+            name, f'How far is it from mark {a} to mark {b}?', 0.5 * side, 2.0 * side, 'mm'
+        )
         for name, a, b in (('side', 1, 2), ('rising', 1, 3), ('falling', 2, 4))
     }
     result = measures.skew(told['side'], told['rising'], told['falling'])
@@ -386,7 +415,9 @@ def skew(visit: Visit) -> Outcome:
 
 def wheel(visit: Visit) -> Outcome:
     """Three lengths of wire against its wheel."""
-    visit.ready('The source is off. Three lengths of wire are fed into the air; cut it flush with the tip first.')
+    visit.ready(
+        'The source is off. Three lengths of wire are fed into the air; cut it flush with the tip first.'
+    )
     if refused := visit.cell.reset():
         return Outcome(False, f'the controller says: {refused}', (), 'repeat estop')
     counts, lengths = [], []
@@ -402,7 +433,12 @@ def wheel(visit: Visit) -> Outcome:
     off = 100 * (found.per_mm / COUNTS_PER_MM - 1)
     shown = Check('counted over fed, off', off, -5.0, 5.0, '%')
     if result.refuses:
-        return Outcome(False, result.refuses, (shown,), 'wheel: diameter, slip, pressure; or another ENCODER_PER_MM')
+        return Outcome(
+            False,
+            result.refuses,
+            (shown,),
+            'wheel: diameter, slip, pressure; or another ENCODER_PER_MM',
+        )
     visit.cell.configure(result.settings)
     return Outcome(True, result.text, (shown,))
 

@@ -153,7 +153,9 @@ def test_settings_that_differ_are_named_and_calibrated_steps_pass():
     assert checks.settings(want, {'steps_per_mm_x': 329.0}, (400, 300, 200)).passed
     off = checks.settings(want, {'steps_per_mm_x': 160.0}, (400, 300, 200))
     assert not off.passed and off.text.startswith('steps_per_mm_x 160')
-    assert checks.settings(want, {'steps_per_mm_x': 320.0}, (300, 300, 200)).text.startswith('envelope_x 300')
+    assert checks.settings(want, {'steps_per_mm_x': 320.0}, (300, 300, 200)).text.startswith(
+        'envelope_x 300'
+    )
     assert not checks.settings(want, {}, (400, 300, 200)).passed, 'steps that nobody tells'
     assert 'cell file says neither' in checks.settings({}, {}, (1, 1, 1)).text
 
@@ -168,7 +170,12 @@ def test_rest():
 
 @pytest.mark.parametrize(
     ('read', 'passed', 'said'),
-    [(52.4, True, '+4.8 %'), (-49.0, False, 'upside down'), (0.0, False, 'limits'), (40.0, False, 'limits')],
+    [
+        (52.4, True, '+4.8 %'),
+        (-49.0, False, 'upside down'),
+        (0.0, False, 'limits'),
+        (40.0, False, 'limits'),
+    ],
 )
 def test_a_known_current(read, passed, said):
     found = checks.signal('current', 50.0, np.full(20, read), 'A')

@@ -98,9 +98,7 @@ def temperature(read_c: float, told_c: float, rise_k: float) -> Outcome:
     mend = 'input and scale of sensors.pyrometer, emissivity at the instrument, or its wiring'
     if rise_k <= -WARMER_K:
         mend = 'its two wires are swapped: warmth reads as cold'
-    return judged(
-        checks, f'{read_c:.1f} degC, {rise_k:+.1f} K by a warm hand', mend
-    )
+    return judged(checks, f'{read_c:.1f} degC, {rise_k:+.1f} K by a warm hand', mend)
 
 
 def direction(axis: str, told: str, way: str) -> Outcome:
@@ -114,20 +112,26 @@ def direction(axis: str, told: str, way: str) -> Outcome:
         mend = f'{name} runs the other way: swap the two wires of one coil of its motor'
     else:
         mend = f'the cables of {name} and {way[1].upper()} are swapped at the drives'
-    return Outcome(False, f'{axis} was told to go {told} and went {way}', (), f'{mend}; power off first')
+    return Outcome(
+        False, f'{axis} was told to go {told} and went {way}', (), f'{mend}; power off first'
+    )
 
 
 def gas(fault: int, burnt: bool, flowed_at_rest: bool, flowed: bool) -> Outcome:
     """A strike with the source off. fault: of the controller at its end; burnt: an arc was there; flowed: at the
     nozzle, before and while the valve was open."""
     if burnt:
-        return Outcome(False, 'an arc burnt', (), 'the source was on: switch it off, step by step again')
+        return Outcome(
+            False, 'an arc burnt', (), 'the source was on: switch it off, step by step again'
+        )
     if flowed_at_rest:
         text = 'gas flows with the valve off'
         return Outcome(False, text, (), 'the valve is stuck open, or bypassed')
     if fault == GAS:
         text = 'no gas flow (207) with the valve told to open'
-        return Outcome(False, text, (), 'bottle, valve stuck closed, its output, or the flow switch')
+        return Outcome(
+            False, text, (), 'bottle, valve stuck closed, its output, or the flow switch'
+        )
     if not flowed:
         text = 'the flow switch says gas and none flows'
         return Outcome(False, text, (), 'flow switch stuck or bridged')

@@ -64,7 +64,5 @@ def _limits(check: Check) -> str:
 def _answers(answers: dict[str, str]) -> str:
     if not answers:
         return ''
-    rows = ''.join(
-        f'<tr><td>{escape(n)}</td><td>{escape(v)}</td></tr>' for n, v in answers.items()
-    )
+    rows = ''.join(f'<tr><td>{escape(n)}</td><td>{escape(v)}</td></tr>' for n, v in answers.items())
     return f'<table><tr><th colspan="2">the operator said</th></tr>{rows}</table>'

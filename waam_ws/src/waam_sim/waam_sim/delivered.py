@@ -19,7 +19,10 @@ OPEN, CLOSED = 'stuck_open', 'stuck_closed'
 INPUT_ESTOP, INPUT_LIMIT = 1, 4
 OUTPUT_GAS = 2
 MIDDLE = np.array([0.2, 0.15, 0.1])  # machine: what turns round turns round here
-TEST_VOLTAGE, TEST_CURRENT = 'test_voltage', 'test_current'  # faults: a supply at the sensor's input
+TEST_VOLTAGE, TEST_CURRENT = (
+    'test_voltage',
+    'test_current',
+)  # faults: a supply at the sensor's input
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,7 @@ class DeliveredParams:
     z_reversed: bool = param(False, 'the motor of Z runs the other way')
     xy_swapped: bool = param(False, 'the motors of X and Y are swapped')
     skew: float = param(0.0, 'by which the y axis leans towards +x', 'deg', -5.0, 5.0)
-    estop: str = param(
-        GOOD, 'contact of the emergency stop', choices=(GOOD, 'reversed', 'unwired')
-    )
+    estop: str = param(GOOD, 'contact of the emergency stop', choices=(GOOD, 'reversed', 'unwired'))
     limits: str = param(
         GOOD, 'chain of the limit switches: good, broken wire, or bridged', choices=(GOOD, 'open', 'bridged')
     )  # fmt: skip

@@ -37,7 +37,9 @@ KINDS = {
     'drive_fault': FaultKind('seconds with the FAULT of a drive', 0.0, 3600.0, 1.0, True),
     'pyrometer_stuck': FaultKind('seconds with a frozen reading', 0.0, 3600.0, math.inf, True),
     # what a person does at the cell
-    'estop_pressed': FaultKind('seconds with the emergency stop pressed', 0.0, 3600.0, math.inf, True),
+    'estop_pressed': FaultKind(
+        'seconds with the emergency stop pressed', 0.0, 3600.0, math.inf, True
+    ),
     'limit_pressed': FaultKind('seconds with a limit switch pressed', 0.0, 3600.0, math.inf, True),
     'test_current': FaultKind('A through the current sensor', -200.0, 200.0, 50.0, False),
     'test_voltage': FaultKind('V at the voltage sensor', 0.0, 60.0, 24.0, False),
