@@ -59,7 +59,7 @@ def shelf(tmp_path: Path) -> Shelf:
     return Shelf(cell_check.load(cell_check.path_of(NAME)), kept)
 
 
-def test_a_cell_that_is_off_is_measured_and_passes(tmp_path, capsys):
+def test_a_cell_that_is_off_is_measured_and_passes(tmp_path, capfd):
     with (
         started(tmp_path, OFF, tuple(STEPS.values())) as (_, domain),
         CommissionedCell(domain) as cell,
@@ -77,9 +77,9 @@ def test_a_cell_that_is_off_is_measured_and_passes(tmp_path, capsys):
     assert found['wire'].checks[0].value == pytest.approx(100 * (1 / 1.041 - 1), abs=0.4)
     assert hand.asked.count('directions.z') == 1 and len(hand.asked) <= 31
     assert cli.main(['commission', NAME, '--list']) == 0
-    assert f'{len(BUILT)} of {len(BUILT)} steps passed' in capsys.readouterr().out
+    assert f'{len(BUILT)} of {len(BUILT)} steps passed' in capfd.readouterr().out
     assert cli.main(['commission', NAME, '--page']) == 0
-    assert 'This cell is not ready' not in Path(capsys.readouterr().out.strip()).read_text()
+    assert 'This cell is not ready' not in Path(capfd.readouterr().out.strip()).read_text()
 
 
 def test_what_is_connected_wrongly_is_found_each_in_its_step(tmp_path):
@@ -108,26 +108,26 @@ def test_what_is_connected_wrongly_is_found_each_in_its_step(tmp_path):
                 assert step('homing').passed
 
 
-def test_a_reversed_emergency_stop_ends_the_run_and_keeps_the_gates_closed(tmp_path, capsys):
+def test_a_reversed_emergency_stop_ends_the_run_and_keeps_the_gates_closed(tmp_path, capfd):
     answers = tmp_path / 'answers.yaml'
     answers.write_text('estop.released: yes\n')
     with started(tmp_path, {'delivered_estop': 'reversed'}) as (folder, domain):
         where = ('--run', str(folder), '--domain', str(domain), '--answers', str(answers))
         assert cli.main(['commission', NAME, *where]) == 1
-        said = capsys.readouterr().out
+        said = capfd.readouterr().out
         assert 'the emergency stop is still active' in said and 'reversed' in said
         assert cli.main(['commission', NAME, *where, '--step', 'limits']) == 2
-        assert 'limits is not due: estop is failed' in capsys.readouterr().err
+        assert 'limits is not due: estop is failed' in capfd.readouterr().err
         assert cli.main(['commission', NAME, *where, '--step', 'link']) == 0
     book = shelf(tmp_path).book
     assert book.state('estop') == FAILED and book.state('limits') == NOT_DONE
     assert book.state('settings') == 'out of date'
 
 
-def test_without_cell_file_graph_or_answer_it_says_so(tmp_path, capsys):
+def test_without_cell_file_graph_or_answer_it_says_so(tmp_path, capfd):
     assert cli.main(['commission', 'nobody']) == 2
-    assert 'waam cell new nobody' in capsys.readouterr().err
+    assert 'waam cell new nobody' in capfd.readouterr().err
     assert cli.main(['commission', NAME, '--run', str(tmp_path / 'run')]) == 2
-    assert 'waam up' in capsys.readouterr().err
+    assert 'waam up' in capfd.readouterr().err
     assert cli.main(['commission', NAME, '--step', 'first-arc']) == 2
-    assert 'docs/real_cell.md' in capsys.readouterr().err
+    assert 'docs/real_cell.md' in capfd.readouterr().err
