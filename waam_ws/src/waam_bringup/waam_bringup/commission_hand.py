@@ -15,7 +15,7 @@ from .commission_steps import SWITCHES, Question
 
 GAUGE_MM = 0.01  # standard deviation of a length that is read
 RULE_MM = 0.5  # of a piece of wire
-AMPERES, VOLTS, WARMER_K = 50.0, 24.0, 15.0
+AMPERES, VOLTS, WARMER_K = 20.0, 24.0, 15.0
 LISTENS = 30  # frames of telemetry
 
 DOES = {  # action -> fault of the cell, value; all others only make an end of it

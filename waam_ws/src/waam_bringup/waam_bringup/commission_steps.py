@@ -28,7 +28,7 @@ from .commission_cell import END_MM, CommissionedCell
 
 ESTOP, LIMIT, INPUTS = 300, 301, 303  # faults of the controller
 HAND_S = 120.0
-TURNED = 3.0  # K, or A or V in ten: what shows that a person has done it
+TURNED = 3.0  # K: what shows that a person has done it
 COUNTS_PER_MM = 40.0  # of the wire wheel, as the controller is built
 WHEEL_MM = 35.0
 WIRE_MM = 340.0
@@ -231,8 +231,8 @@ def signals(visit: Visit) -> Outcome:
         return Outcome(False, f'the controller says: {refused}', (), 'repeat estop')
     found = []
     for name, field_name, unit, how, low, high in (
-        ('current', 'arc_current', 'A', 'ten turns of a cable through the current sensor, in the direction of its '
-         'arrow, and about 5 A from a laboratory supply', 20.0, 200.0),
+        ('current', 'arc_current', 'A', 'four turns of a cable through the current sensor, in the direction of its '
+         'arrow, and about 5 A from a laboratory supply', 10.0, 25.0),
         ('voltage', 'arc_voltage', 'V', 'about 24 V from a laboratory supply or two batteries, plus at the contact '
          'tip, minus at the table; the source off', 10.0, 60.0),
     ):  # fmt: skip
@@ -254,10 +254,9 @@ def signals(visit: Visit) -> Outcome:
 def _signal(visit: Visit, name: str, field_name: str, told: float, unit: str) -> Outcome:
     frames = visit.cell.fresh()
     if visit.cell.alarmed(INPUTS):
-        text = f'with {told:g} {unit} the reading of the {name} is at the end of its range (303)'
-        return Outcome(
-            False, text, (), f'the {name} sensor is upside down, torn off or of another range'
-        )
+        text = f'with {told:g} {unit} at the sensor of the {name}: {visit.cell.known().fault_text} (303)'
+        mend = f'the {name} sensor is upside down, torn off or of another range, or {told:g} {unit} is not what flows'
+        return Outcome(False, text, (), mend)
     return checks.signal(name, told, _values(frames, field_name), unit)
 
 

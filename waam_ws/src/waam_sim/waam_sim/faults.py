@@ -41,7 +41,7 @@ KINDS = {
         'seconds with the emergency stop pressed', 0.0, 3600.0, math.inf, True
     ),
     'limit_pressed': FaultKind('seconds with a limit switch pressed', 0.0, 3600.0, math.inf, True),
-    'test_current': FaultKind('A through the current sensor', -200.0, 200.0, 50.0, False),
+    'test_current': FaultKind('A through the current sensor', -200.0, 200.0, 20.0, False),
     'test_voltage': FaultKind('V at the voltage sensor', 0.0, 60.0, 24.0, False),
     'warm_hand': FaultKind('K at the spot of the pyrometer', -50.0, 50.0, 10.0, False),
 }
