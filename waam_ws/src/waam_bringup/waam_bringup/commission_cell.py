@@ -27,7 +27,7 @@ END_MM = 10.0
 NOTHING_MM = 0.01
 TRIES = 2  # of a request that does no harm twice
 ONCE = (Command.Request.JOG, Command.Request.JOG_WIRE)
-STRIKE = {'wire_feed_speed': 0.05, 'voltage': 18.0}  # SI, in the middle of what a bridge takes
+STRIKE_WIRE, STRIKE_VOLTAGE = 0.05, 18.0  # SI, in the middle of what a bridge takes
 
 
 class CommissionedCell(Shaking):
@@ -38,9 +38,10 @@ class CommissionedCell(Shaking):
         self.frames: list[Telemetry] = []
         self.celsius: list[float] = []
         self._clients: dict[str, Any] = {}
-        self.node.create_subscription(
-            Temperature, 'temperature', lambda m: self.celsius.append(m.temperature), BEAT
-        )
+        self.node.create_subscription(Temperature, 'temperature', self._on_temperature, BEAT)
+
+    def _on_temperature(self, message: Temperature) -> None:
+        self.celsius.append(message.temperature)
 
     def __enter__(self) -> CommissionedCell:
         return self
@@ -121,7 +122,7 @@ class CommissionedCell(Shaking):
     def travel(self) -> tuple[float, float, float]:
         """mm between the soft limits of X, Y and Z."""
         low, high = self.known().limit_min, self.known().limit_max
-        return tuple(1e3 * (getattr(high, a) - getattr(low, a)) for a in 'xyz')  # type: ignore[return-value]
+        return 1e3 * (high.x - low.x), 1e3 * (high.y - low.y), 1e3 * (high.z - low.z)
 
     def at_top(self, axis: str) -> bool:
         """Whether the axis is homed and stands at its upper end."""
@@ -195,7 +196,17 @@ class CommissionedCell(Shaking):
         """An arc start where the machine stands, with the source off: code of the fault that ended it (0 = none did),
         and whether an arc was there. The machine is stopped and disarmed afterwards."""
         here, job = self.here, f'{NAME}_{self.node.get_clock().now().nanoseconds}'
-        segment = Segment(0, Kind.DWELL, here, here, 0.0, arc=True, dwell=0.5, **STRIKE)
+        segment = Segment(
+            0,
+            Kind.DWELL,
+            here,
+            here,
+            0.0,
+            arc=True,
+            dwell=0.5,
+            wire_feed_speed=STRIKE_WIRE,
+            voltage=STRIKE_VOLTAGE,
+        )
         self.frames.clear()
         self.command(Command.Request.ARM, job)
         try:

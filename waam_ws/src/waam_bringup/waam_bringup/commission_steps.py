@@ -275,7 +275,7 @@ def temperature(visit: Visit) -> Outcome:
     )
 
     def turned() -> bool:
-        return len(cell.celsius) >= 5 and abs(np.mean(cell.celsius[-5:]) - read) > TURNED
+        return len(cell.celsius) >= 5 and bool(abs(np.mean(cell.celsius[-5:]) - read) > TURNED)
 
     cell.celsius.clear()
     text = 'Warm that place: a hand on the thermocouple, a cup of hot water before the pyrometer.'

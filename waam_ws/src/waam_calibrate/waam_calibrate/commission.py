@@ -230,8 +230,8 @@ def from_data(data: Any, cell: str, machine: str) -> Book:
 def _entry(data: dict[str, Any]) -> Entry:
     told = dict(data['outcome'])
     told['checks'] = tuple(
-        Check(str(name), *(float(v) for v in numbers), str(unit))
-        for name, *numbers, unit in told['checks']
+        Check(str(name), float(value), float(low), float(high), str(unit))
+        for name, value, low, high, unit in told['checks']
     )
     order = data['order']
     if not isinstance(order, int) or not math.isfinite(order):
