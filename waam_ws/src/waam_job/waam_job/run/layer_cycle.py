@@ -184,7 +184,7 @@ class LayerCycle:
         self.journal.model(correction.model_hash, layer.number)
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
         if correction.fallback:
-            removed = not correction.psi.any()
+            removed = not correction.confidence.any()  # psi alone is 0 on a level surface, too
             reaction = 'correction removed' if removed else 'corrected without the network'
             self.journal.note('WARNING', 'correction', '; '.join(correction.reasons), reaction)
         return correction
