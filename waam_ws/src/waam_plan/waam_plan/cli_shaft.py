@@ -48,6 +48,8 @@ def settings_of(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError('--as-found does not go with --shaft: PART is the scan, the nominal shaft is a cylinder')
     if args.mode == 'build':
         raise ValueError('--mode build does not go with --shaft: a shaft is restored')
+    if getattr(args, 'post', 'gcode') not in ('gcode', 'gcode-compact'):
+        raise ValueError(f'--post {args.post} not with --shaft: programs of robots that turn a shaft are not built')
     if args.machine != GANTRY:
         raise ValueError(
             "--shaft does not go with --machine robot: a positioner's turn axis for shafts is not built, only a chuck "
