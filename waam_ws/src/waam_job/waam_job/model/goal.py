@@ -275,7 +275,7 @@ def check(goal: JobGoal, chuck: bool = False) -> Checked:
     shaft = None
     try:
         shaft = _shaft(goal)
-    except (SettingsError, ShaftError) as e:
+    except ShaftError as e:
         problems.append((Code.BAD_GOAL, str(e)))
     if shaft and not chuck:
         problems.append((Code.BAD_GOAL, NO_CHUCK))
@@ -311,8 +311,11 @@ def check(goal: JobGoal, chuck: bool = False) -> Checked:
 
 
 def _shaft(goal: JobGoal) -> Unrolled | None:
-    """The shaft that the settings of the planner name; None for a part that lies still."""
-    own = assigned(goal.plan_settings, GIVEN)
+    """The shaft that the settings of the planner name; None for a part that lies still, and where they are wrong."""
+    try:
+        own = assigned(goal.plan_settings, GIVEN)
+    except SettingsError:  # told by `field_problems`
+        return None
     diameter = own.get('shaft_diameter', 0.0)
     return Unrolled(diameter) if isinstance(diameter, float) and diameter else None
 
