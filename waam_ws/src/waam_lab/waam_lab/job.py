@@ -74,8 +74,8 @@ def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob
 def restore_shaft(
     scan: Path, diameter: float, ends: float, seed: int = 1, **options: Any
 ) -> LabJob:
-    """The restoration of a shaft that turns. scan: of the worn shaft (`waam_plan.shaft.surfaces`); diameter, ends: m, as
-    of `waam plan --shaft`. options: fields of LabJob and of JobGoal."""
+    """The restoration of a shaft that turns. scan: of the worn shaft (`waam_plan.shaft.surfaces`); diameter, ends: m,
+    as of `waam plan --shaft`. options: fields of LabJob and of JobGoal."""
     own = (f'shaft_diameter={diameter!r}', f'shaft_ends={ends!r}')
     given = tuple(options.pop('plan_settings', ()))
     return _job(scan, scan, seed, 'restore', {**options, 'plan_settings': (*given, *own)})

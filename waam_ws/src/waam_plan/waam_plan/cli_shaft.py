@@ -25,8 +25,8 @@ def add_shaft(p: argparse.ArgumentParser) -> None:
         '--shaft',
         type=float,
         metavar='MM',
-        help='PART is the scan of a worn shaft of this nominal diameter, which turns in a chuck in place of the X axis: '
-        'a map of one turn (.npz) or a cloud around the axis y',
+        help='PART is the scan of a worn shaft of this nominal diameter, which turns in a chuck in place of the X '
+        'axis: a map of one turn (.npz) or a cloud around the axis y',
     )
     p.add_argument(
         '--ends',
@@ -82,8 +82,8 @@ def lying(part: Part, args: argparse.Namespace) -> str:
     axis = 'xyz'[int(abs(body.axis).argmax())]
     return (
         f'{part.path.name} is a body of revolution: its axis lies along {axis}, largest diameter '
-        f'{body.diameter * 1e3:.1f} mm, length {body.length * 1e3:.1f} mm. It is planned as it lies, from above, on one '
-        'side. A shaft that turns is planned from its scan: '
+        f'{body.diameter * 1e3:.1f} mm, length {body.length * 1e3:.1f} mm. It is planned as it lies, from above, on '
+        'one side. A shaft that turns is planned from its scan: '
         + shlex.join(['waam', 'plan', 'scan.npz', '--shaft', f'{body.diameter * 1e3:g}', '--ends', 'MM'])
     )
 

@@ -1,10 +1,10 @@
 """A shaft that turns in a chuck in place of the X axis: the cell's plane field, closed to a ring along x.
 
-The field shows more than one turn: what lies before `first` and behind `first + period` is the same metal once more. The
-torch is brought back into the first turn before the cell lives through its samples, and what it did there is copied to
+The field shows more than one turn: what lies before `first` and behind `first + period` is the same metal once more.
+The torch is brought back into the first turn before the cell lives through its samples, and what it did there is copied to
 the other showings of the place, so all of them stay equal, whichever metal model lays the metal. Metal that lies at a
 smaller radius than `scale` covers a smaller area, so it grows higher: volume = (z2 - z1) dx dy (core + (z1 + z2) / 2) /
-scale. The pool is a circle of the field, not of the shaft: its width around the shaft is wrong by the ratio of the radii.
+scale. The pool is a circle of the field, not of the shaft: its width around the shaft is off by the ratio of radii.
 
 What is not simulated: warp of the shaft, axes that bend, slip and backlash of the chuck, a pool that runs off the top.
 Lengths in m.
@@ -24,8 +24,8 @@ from waam_process.plant_port import SAMPLE
 from .plant import Plant, PlantParams, Profiles, Reading
 
 REACH = 18e-3  # of what the torch changes in a step: pool, crater, lumps, heat of the arc
-# W/(m^2 K) from the core of the shaft to chuck and tailstock, spread over its surface: assumed, it only decides how long
-# a job waits between layers
+# W/(m^2 K) from the core of the shaft to chuck and tailstock, spread over its surface: assumed, it only decides how
+# long a job waits between layers
 CHUCK_CONDUCTANCE = 40.0
 MOVED = ('x', 'pool_x', 'from_x', 'portion_x')  # of the state of the metal
 

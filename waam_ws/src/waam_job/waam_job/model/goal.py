@@ -65,8 +65,8 @@ class JobError(RuntimeError):
 
 MODES = ('restore', 'build')
 NO_CHUCK = (
-    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, which only the gantry of the laboratory has (waam '
-    'lab --shaft); jobs of a real cell, of the graph and of a robot are not built for it, and would lay it flat'
+    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, which only the gantry of the laboratory has '
+    '(waam lab --shaft); jobs of a real cell, of the graph and of a robot are not built for it, and would lay it flat'
 )
 # planner settings that have a field of their own in the goal, or that follow from machine and map
 GIVEN = {

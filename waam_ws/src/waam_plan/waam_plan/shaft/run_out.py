@@ -1,7 +1,7 @@
 """Run-out of a shaft in its chuck, from the scan of its unworn ends: eccentricity and tilt of its axis.
 
-A round end whose axis lies beside that of the chuck has r(y, t) = R + size + ex(y) cos t + ey(y) sin t to first order in
-the eccentricity over R (the first harmonic of a roundness profile, ISO 12181-1), and an axis that is straight makes ex
+A round end whose axis lies beside that of the chuck has r(y, t) = R + size + ex(y) cos t + ey(y) sin t to first order
+in the eccentricity over R (the first harmonic of a roundness profile, ISO 12181-1), and an axis that is straight makes ex
 and ey linear in y. Both ends are fitted together by least squares. Wear all round has a first harmonic of its own, so
 only ends that are told to be unworn can show it; what is no harmonic there is told as a residual, and refused when it
 is too large.
@@ -60,10 +60,11 @@ class RunOut:
     def text(self) -> str:
         """For a person."""
         angle = math.degrees(math.atan2(self.sin[0], self.cos[0])) % 360.0
+        beside, sigma = self.eccentricity * 1e3, self.sigma * 1e3
         return (
-            f'run-out of the unworn ends: the axis lies {self.eccentricity * 1e3:.3f} +- {self.sigma * 1e3:.3f} mm beside '
-            f'that of the chuck in the middle, towards {angle:.0f} deg, tilted by {self.tilt * 1e3:.2f} mm/m; their radius '
-            f'is {self.size * 1e3:+.3f} mm from nominal, {self.left * 1e3:.3f} mm RMS are left; it is taken out'
+            f'run-out of the unworn ends: the axis lies {beside:.3f} +- {sigma:.3f} mm beside that of the chuck in the '
+            f'middle, towards {angle:.0f} deg, tilted by {self.tilt * 1e3:.2f} mm/m; their radius is '
+            f'{self.size * 1e3:+.3f} mm from nominal, {self.left * 1e3:.3f} mm RMS are left; it is taken out'
         )
 
 
@@ -87,9 +88,10 @@ def fit(found: HeightGrid, shaft: Unrolled, ends: float, length: float) -> RunOu
     rms = float(np.sqrt(left @ left / max(len(left) - 5, 1)))
     if rms > MOST_LEFT:
         worst = int(np.argmax(np.abs(left)))
+        place = f'y = {y[worst] * 1e3:.0f} mm, {np.degrees(t[worst]) % 360:.0f} deg'
         raise ShaftError(
-            f'the unworn ends are not round: {rms * 1e3:.2f} mm RMS beside any axis, {left[worst] * 1e3:+.2f} mm at y = '
-            f'{y[worst] * 1e3:.0f} mm, {np.degrees(t[worst]) % 360:.0f} deg; they are worn, or shorter than {ends * 1e3:g} mm'
+            f'the unworn ends are not round: {rms * 1e3:.2f} mm RMS beside any axis, {left[worst] * 1e3:+.2f} mm at '
+            f'{place}; they are worn, or shorter than {ends * 1e3:g} mm'
         )
     size, c0, s0, c1, s1 = (float(v) for v in found_at)
     if abs(size) > MOST_SIZE:

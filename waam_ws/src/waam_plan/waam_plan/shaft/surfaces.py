@@ -1,8 +1,8 @@
 """From the scan of a worn shaft to the surfaces of a restoration, on the plate of `waam_process.unrolled`.
 
 Two kinds of files: a map of one turn (`.npz` of HeightGrid: x around the nominal surface from angle 0, as long as the
-circumference, y along the axis, z = radius - nominal radius, m), or a cloud of points around the axis y = any, x = z = 0
-of its file.
+circumference, y along the axis, z = radius - nominal radius, m), or a cloud of points around the axis x = z = 0 of its
+file.
 """
 
 from __future__ import annotations
@@ -43,20 +43,22 @@ def turn_of(path: Path, scale: float, shaft: Unrolled, cell: float) -> HeightGri
     turn = _of_cloud if is_cloud(path) else _of_map
     if not is_cloud(path) and path.suffix.lower() != '.npz':
         raise ShaftError(
-            f'{path}: the worn surface of a shaft is a cloud (PCD, PLY, XYZ, NPY) or a map of one turn (.npz), not a mesh'
+            f'{path}: the worn surface of a shaft is a cloud (PCD, PLY, XYZ, NPY) or a map of one turn (.npz), '
+            'not a mesh'
         )
     found = turn(path, scale, shaft, cell)
     y0, y1 = found.spec.extent[2:]
     if y1 - y0 < SHORTEST:
         raise ShaftError(
-            f'{path}: shows {1e3 * (y1 - y0):.1f} mm of the shaft along its axis, at least {SHORTEST * 1e3:g} mm are needed'
+            f'{path}: shows {1e3 * (y1 - y0):.1f} mm of the shaft along its axis, at least '
+            f'{SHORTEST * 1e3:g} mm are needed'
         )
     off = np.abs(found.z - shaft.level)
     if not np.isfinite(off).any() or np.nanmedian(off) > FARTHEST:
         far = f'{1e3 * np.nanmedian(found.z - shaft.level):+.1f} mm' if np.isfinite(off).any() else 'nowhere'
         raise ShaftError(
-            f'{path}: the surface lies {far} from a diameter of {shaft.diameter * 1e3:g} mm (median, radial); check the '
-            'diameter, the units (--scale) and that the axis of the points is y through x = z = 0'
+            f'{path}: the surface lies {far} from a diameter of {shaft.diameter * 1e3:g} mm (median, radial); check '
+            'the diameter, the units (--scale) and that the axis of the points is y through x = z = 0'
         )
     return found
 
@@ -67,7 +69,8 @@ def _of_map(path: Path, scale: float, shaft: Unrolled, cell: float) -> HeightGri
     wanted = math.pi * shaft.diameter
     if abs((x1 - x0) / wanted - 1.0) > CIRCUMFERENCE:
         raise ShaftError(
-            f'{path}: {1e3 * (x1 - x0):.1f} mm long in x, one turn of {shaft.diameter * 1e3:g} mm is {wanted * 1e3:.1f} mm'
+            f'{path}: {1e3 * (x1 - x0):.1f} mm long in x, one turn of {shaft.diameter * 1e3:g} mm is '
+            f'{wanted * 1e3:.1f} mm'
         )
     spec = _one_turn(shaft, y1 - y0, cell)
     beside = 2  # columns, so that the seam has neighbours
