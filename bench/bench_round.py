@@ -2,8 +2,8 @@
 
 Shafts of 40, 80 and 200 mm, worn 1 to 4 mm (eccentric, oval, scored, tapered), run-out up to 1 mm; their axis and the
 place of the wear around them belong to the seed. Finish `as-laid`: `round.rms_mm` (mean) and `round.rms_worst_mm` of
-the radial error, baseline open loop; `round.seam_mm`, the largest step across the seam of the map; `round.runout_mm`, the
-largest error of the axis that was found, in the middle of the shaft. Finish `machined`: `round.cleans_up_share` and
+the radial error, baseline open loop; `round.seam_mm`, the largest step across the seam of the map; `round.runout_mm`,
+the largest error of the axis that was found, in the middle of the shaft. Finish `machined`: `round.cleans_up_share` and
 `round.stock_mean_mm`, radial. `round.plan_seconds`: the plan of a shaft of 200 x 200 mm with at least six layers.
 
 One line per job on stderr. `WAAM_BENCH_SEEDS=1,2` chooses seeds, `WAAM_BENCH_KIND=40,200` diameters in mm,
@@ -67,8 +67,8 @@ def results(finish: str, loop: str) -> list[tuple[tuple[float, float], object]]:
     for job, r in zip(jobs, found, strict=True):
         said = r.message if r.failed else (
             f'RMS {r.rms * 1e3:.3f} mm, seam {r.seam_step * 1e3:+.3f} mm, roundness {r.roundness * 1e3:.3f} mm, '
-            f'run-out {r.new_run_out * 1e3:.3f} mm, clean {r.clean_share:.2%}, stock {r.stock_mean * 1e3:.2f} mm, diameter '
-            f'{r.clean_diameter * 1e3:.2f} mm, {r.layers} layers, {r.cpu:.0f} s'
+            f'run-out {r.new_run_out * 1e3:.3f} mm, clean {r.clean_share:.2%}, stock {r.stock_mean * 1e3:.2f} mm, '
+            f'diameter {r.clean_diameter * 1e3:.2f} mm, {r.layers} layers, {r.cpu:.0f} s'
         )  # fmt: skip
         print(f'{job.goal.title}, seed {r.seed}, {finish}, {loop}: {said}', file=sys.stderr, flush=True)
     return list(zip(axes, found, strict=True))

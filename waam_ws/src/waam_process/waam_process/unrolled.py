@@ -3,8 +3,8 @@
 Work frame of a shaft: x = OVERLAP + R * angle around the shaft, y along its axis, z = radius - nominal radius + level.
 R is the radius at which one turn is a whole number of STEP, so that every grid repeats after one turn to the cell. The
 plate shows the turn and OVERLAP more at both ends: what lies there is the same metal once more (a period apart), so
-that filters, beads and scans go over the seam as over any other place. It is half a radius thick, which holds as much metal
-as the shaft (pi r^2 l over 2 pi r l).
+that filters, beads and scans go over the seam as over any other place. It is half a radius thick, which holds as much
+metal as the shaft (pi r^2 l over 2 pi r l).
 
 Metal of dA = dx dy on the plate is dA * share(z) on the shaft, with share = radius / R. Frame of the part: its axis is
 Y, up is Z, angle 0 is up, and X = r sin(angle), Z = r cos(angle).
