@@ -2,7 +2,7 @@
 
 The field shows more than one turn: what lies before `first` and behind `first + period` is the same metal once more.
 The torch is brought back into the first turn before the cell lives through its samples, and what it did there is copied
-to the other showings of the place, so all of them stay equal, whichever metal model lays the metal. Metal that lies at a
+to the other showings of the place, so all of them stay equal, whichever metal model lays the metal. Metal at a
 smaller radius than `scale` covers a smaller area, so it grows higher: volume = (z2 - z1) dx dy (core + (z1 + z2) / 2) /
 scale. The pool is a circle of the field, not of the shaft: its width around the shaft is off by the ratio of radii.
 
