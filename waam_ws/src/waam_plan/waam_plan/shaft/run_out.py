@@ -1,10 +1,10 @@
 """Run-out of a shaft in its chuck, from the scan of its unworn ends: eccentricity and tilt of its axis.
 
 A round end whose axis lies beside that of the chuck has r(y, t) = R + size + ex(y) cos t + ey(y) sin t to first order
-in the eccentricity over R (the first harmonic of a roundness profile, ISO 12181-1), and an axis that is straight makes
-ex and ey linear in y. Both ends are fitted together by least squares. Wear all round has a first harmonic of its own,
-so only ends that are told to be unworn can show it; what is no harmonic there is told as a residual, and refused when it
-is too large.
+in the eccentricity over R (the first harmonic of a roundness profile, ISO 12181-1), and an axis that is straight
+makes ex and ey linear in y. Both ends are fitted together by least squares. Wear all round has a first harmonic of
+its own, so only ends that are told to be unworn can show it; what is no harmonic there is told as a residual, and
+refused when it is too large.
 """
 
 from __future__ import annotations
