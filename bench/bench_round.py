@@ -70,7 +70,11 @@ def results(finish: str, loop: str) -> list[tuple[tuple[float, float], object]]:
             f'run-out {r.new_run_out * 1e3:.3f} mm, clean {r.clean_share:.2%}, stock {r.stock_mean * 1e3:.2f} mm, '
             f'diameter {r.clean_diameter * 1e3:.2f} mm, {r.layers} layers, {r.cpu:.0f} s'
         )  # fmt: skip
-        print(f'{job.goal.title}, seed {r.seed}, {finish}, {loop}: {said}', file=sys.stderr, flush=True)
+        print(
+            f'{job.goal.title}, seed {r.seed}, {finish}, {loop}: {said}',
+            file=sys.stderr,
+            flush=True,
+        )
     return list(zip(axes, found, strict=True))
 
 
@@ -109,7 +113,9 @@ def plan_seconds() -> None:
 
     part = worn(PLANNED, 1)
     far = {'machine_min': (-5.0, -0.1, -0.1), 'machine_max': (5.0, 0.4, 0.4)}
-    settings = PlanSettings(shaft_diameter=part.diameter, shaft_ends=part.ends, tolerance=0.2e-3, **far)
+    settings = PlanSettings(
+        shaft_diameter=part.diameter, shaft_ends=part.ends, tolerance=0.2e-3, **far
+    )
     with tempfile.TemporaryDirectory() as folder:
         scan = Path(folder) / 'worn.npz'
         part.map().save_npz(scan)

@@ -26,7 +26,9 @@ def scan(tmp_path_factory):
 
 
 def job(scan, folder, **options):
-    return restore_shaft(scan, WORN.diameter, WORN.ends, 3, preset='gentle', jobs_dir=folder, **options)
+    return restore_shaft(
+        scan, WORN.diameter, WORN.ends, 3, preset='gentle', jobs_dir=folder, **options
+    )
 
 
 @pytest.fixture(scope='module')

@@ -21,7 +21,9 @@ __all__ = [
     'run_many',
 ]
 _MODULE_OF = {
-    **dict.fromkeys(('Fault', 'LabJob', 'LabMaps', 'LabResult', 'build', 'restore', 'restore_shaft'), 'job'),
+    **dict.fromkeys(
+        ('Fault', 'LabJob', 'LabMaps', 'LabResult', 'build', 'restore', 'restore_shaft'), 'job'
+    ),
     **dict.fromkeys(('over_seeds', 'run'), 'laboratory'),
     'run_many': 'many',
 }

@@ -139,7 +139,9 @@ def shaft(maps: LabMaps, diameter: float, magnified: float = 10.0) -> bytes:
     axes.set_theta_zero_location('N')
     axes.set_theta_direction(-1)
     for z, colour, label in ((found, INK, 'as found'), (error, BLUE, 'restored')):
-        axes.plot(angle, radius + magnified * z[middle] * 1e3, color=colour, linewidth=1.0, label=label)
+        axes.plot(
+            angle, radius + magnified * z[middle] * 1e3, color=colour, linewidth=1.0, label=label
+        )
     axes.plot(angle, np.full_like(angle, radius), color=GREEN, linewidth=0.8, label='wanted')
     axes.set_yticklabels([])
     axes.set_title(f'profile at y = {y[middle] * 1e3:.0f} mm, errors x {magnified:g}', fontsize=9)
@@ -149,11 +151,15 @@ def shaft(maps: LabMaps, diameter: float, magnified: float = 10.0) -> bytes:
     step_y, step_t = max(1, len(y) // 60), max(1, len(angle) // 120)
     z = np.nan_to_num(error[::step_y, ::step_t]) * 1e3
     t, along = np.meshgrid(angle[::step_t], y[::step_y] * 1e3)
-    t, along, z = (np.column_stack([a, b]) for a, b in ((t, t[:, :1]), (along, along[:, :1]), (z, z[:, :1])))
+    t, along, z = (
+        np.column_stack([a, b]) for a, b in ((t, t[:, :1]), (along, along[:, :1]), (z, z[:, :1]))
+    )
     limit = nice_range([error * 1e3], 0.2)
     r = radius + magnified * z
     colours = colormaps['RdBu_r'](0.5 + 0.5 * z / limit)
-    space.plot_surface(along, r * np.sin(t), r * np.cos(t), facecolors=colours, rstride=1, cstride=1, shade=True)
+    space.plot_surface(
+        along, r * np.sin(t), r * np.cos(t), facecolors=colours, rstride=1, cstride=1, shade=True
+    )
     space.set_box_aspect((float(np.ptp(along)), 2 * radius, 2 * radius))
     space.set_title(f'restored, errors x {magnified:g}', fontsize=9)
     space.tick_params(labelsize=6)

@@ -24,10 +24,17 @@ class ShaftFigures:
     """NaN where nothing was laid all round, or nothing was seen."""
 
     clean_diameter: float = math.nan  # largest that the lathe reaches on the needed area
-    roundness: float = math.nan  # peak to valley about the least squares circle, mean over the profiles
-    new_run_out: float = math.nan  # of the new surface about the axis of the unworn ends, as a dial gauge reads it
+    roundness: float = (
+        math.nan
+    )  # peak to valley about the least squares circle, mean over the profiles
+    new_run_out: float = (
+        math.nan
+    )  # of the new surface about the axis of the unworn ends, as a dial gauge reads it
     seam_step: float = math.nan  # of the new surface across the seam of the map
-    axis: tuple[float, float] = (math.nan, math.nan)  # of the shaft beside the chuck's, as it was found
+    axis: tuple[float, float] = (
+        math.nan,
+        math.nan,
+    )  # of the shaft beside the chuck's, as it was found
 
 
 def figures(plan: Plan, z: np.ndarray) -> ShaftFigures | None:
@@ -38,15 +45,21 @@ def figures(plan: Plan, z: np.ndarray) -> ShaftFigures | None:
     on = shaft.first_turn(plan.spec)
     error = (z - plan.nominal.z)[:, on]
     laid = plan.interior[:, on] & np.isfinite(error)
-    length = float(plan.spec.y[np.isfinite(plan.nominal.z).any(axis=1)].max()) + plan.spec.resolution / 2
+    length = (
+        float(plan.spec.y[np.isfinite(plan.nominal.z).any(axis=1)].max()) + plan.spec.resolution / 2
+    )
     axis = run_out.fit(plan.as_found, shaft, plan.settings.shaft_ends, length)
     low = error[counted_area(plan)[:, on] & np.isfinite(error)]
     profiles = [
-        np.where(laid[row], error[row], np.nan) for row in range(len(error)) if laid[row].mean() >= ALL_ROUND
+        np.where(laid[row], error[row], np.nan)
+        for row in range(len(error))
+        if laid[row].mean() >= ALL_ROUND
     ]
     rounds = np.array([_harmonics(p) for p in profiles]).reshape(-1, 2)
     return ShaftFigures(
-        clean_diameter=shaft.diameter + 2 * float(np.quantile(low, LEFT_LOW)) if low.size else math.nan,
+        clean_diameter=shaft.diameter + 2 * float(np.quantile(low, LEFT_LOW))
+        if low.size
+        else math.nan,
         roundness=float(rounds[:, 0].mean()) if len(rounds) else math.nan,
         new_run_out=float(rounds[:, 1].mean()) if len(rounds) else math.nan,
         seam_step=_seam_step(error, laid, plan.spec.x[on], shaft),

@@ -22,7 +22,10 @@ class WornShaft:
     ends: float  # unworn at each end
     wear: str  # of WEARS
     depth: float  # greatest
-    run_out: tuple[float, float] = (0.0, 0.0)  # its axis beside the chuck's in the middle, towards 0 and 90 degrees
+    run_out: tuple[float, float] = (
+        0.0,
+        0.0,
+    )  # its axis beside the chuck's in the middle, towards 0 and 90 degrees
     tilt: tuple[float, float] = (0.0, 0.0)  # and per m along the axis
     turned: float = 0.0  # rad, of the wear around the shaft
 
@@ -36,7 +39,11 @@ class WornShaft:
         t, y = np.meshgrid(spec.x * 2.0 / self.diameter, spec.y)
         along = np.clip((np.minimum(y, self.length - y) - self.ends) / RAMP, 0.0, 1.0)
         fade = along * along * (3.0 - 2.0 * along)
-        worn = self.depth * fade * WEARS[self.wear](t - self.turned, (y - self.ends) / (self.length - 2 * self.ends))
+        worn = (
+            self.depth
+            * fade
+            * WEARS[self.wear](t - self.turned, (y - self.ends) / (self.length - 2 * self.ends))
+        )
         away = y - self.length / 2
         ex, ey = (self.run_out[k] + self.tilt[k] * away for k in (0, 1))
         return HeightGrid(spec, ex * np.cos(t) + ey * np.sin(t) - worn)

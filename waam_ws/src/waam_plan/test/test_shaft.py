@@ -64,7 +64,9 @@ def test_lines_are_evenly_divided_over_the_turn(all_round):
     lines = x[np.concatenate([[True], np.diff(x) > 1e-4])]
     gaps = np.diff(np.concatenate([lines, [lines[0] + SHAFT.period]]))
     assert len(lines) == math.ceil(SHAFT.period / S.pitch)
-    assert gaps.max() - gaps.min() < 0.6e-3  # a cell: the last one meets the first as all others meet
+    assert (
+        gaps.max() - gaps.min() < 0.6e-3
+    )  # a cell: the last one meets the first as all others meet
 
 
 def test_the_metal_is_that_of_the_ring(tmp_path):
@@ -161,7 +163,9 @@ def test_ends_that_do_not_show_the_axis_are_refused(spoil, said):
     spec = GridSpec(0.0, 0.0, 0.5e-3, 160, round(SHAFT.length_x / 0.5e-3))
     t, y = np.meshgrid(SHAFT.angle(spec.x), spec.y)
     with pytest.raises(ShaftError, match=said):
-        run_out.fit(HeightGrid(spec, spoil(np.full(spec.shape, SHAFT.level), y, t)), SHAFT, ENDS, LENGTH)
+        run_out.fit(
+            HeightGrid(spec, spoil(np.full(spec.shape, SHAFT.level), y, t)), SHAFT, ENDS, LENGTH
+        )
 
 
 def test_short_ends_are_refused(tmp_path):
@@ -257,5 +261,8 @@ def test_a_lying_roller_is_told(tmp_path, capsys):
     lying.export(tmp_path / 'roller.stl')
     waam(tmp_path / 'roller.stl', '--layers', 1, '--set', 'overhang=flag')
     said = capsys.readouterr().out
-    assert 'body of revolution: its axis lies along x, largest diameter 20.0 mm, length 40.0 mm' in said
+    assert (
+        'body of revolution: its axis lies along x, largest diameter 20.0 mm, length 40.0 mm'
+        in said
+    )
     assert '--shaft 20 --ends MM' in said

@@ -45,11 +45,15 @@ def settings_of(args: argparse.Namespace) -> dict[str, Any]:
     if args.ends is None:
         raise ValueError('--shaft needs --ends: how much of the shaft is unworn at each end, in mm')
     if args.as_found is not None:
-        raise ValueError('--as-found does not go with --shaft: PART is the scan, the nominal shaft is a cylinder')
+        raise ValueError(
+            '--as-found does not go with --shaft: PART is the scan, the nominal shaft is a cylinder'
+        )
     if args.mode == 'build':
         raise ValueError('--mode build does not go with --shaft: a shaft is restored')
     if getattr(args, 'post', 'gcode') not in ('gcode', 'gcode-compact'):
-        raise ValueError(f'--post {args.post} not with --shaft: programs of robots that turn a shaft are not built')
+        raise ValueError(
+            f'--post {args.post} not with --shaft: programs of robots that turn a shaft are not built'
+        )
     if args.machine != GANTRY:
         raise ValueError(
             "--shaft does not go with --machine robot: a positioner's turn axis for shafts is not built, only a chuck "
@@ -84,13 +88,23 @@ def lying(part: Part, args: argparse.Namespace) -> str:
         f'{part.path.name} is a body of revolution: its axis lies along {axis}, largest diameter '
         f'{body.diameter * 1e3:.1f} mm, length {body.length * 1e3:.1f} mm. It is planned as it lies, from above, on '
         'one side. A shaft that turns is planned from its scan: '
-        + shlex.join(['waam', 'plan', 'scan.npz', '--shaft', f'{body.diameter * 1e3:g}', '--ends', 'MM'])
+        + shlex.join(
+            ['waam', 'plan', 'scan.npz', '--shaft', f'{body.diameter * 1e3:g}', '--ends', 'MM']
+        )
     )
 
 
 def laboratory(args: argparse.Namespace) -> str:
     """The command that lays the same shaft in the laboratory."""
-    words = ['waam', 'lab', str(args.part), '--shaft', f'{args.shaft:g}', '--ends', f'{args.ends:g}']
+    words = [
+        'waam',
+        'lab',
+        str(args.part),
+        '--shaft',
+        f'{args.shaft:g}',
+        '--ends',
+        f'{args.ends:g}',
+    ]
     if args.finish:
         words += ['--finish', args.finish]
     if not math.isclose(args.scale, 1e-3):

@@ -205,8 +205,12 @@ class PlanSettings:
         }  # fmt: skip
         for name, known in fixed.items():
             if (value := getattr(self, name)) not in known:
-                wrong.append(f'{name} is {value}: a shaft is laid in lines along its axis, nothing else is built')
-        return wrong + [f'{name}: only a build knows this, a shaft is restored' for name in self.of_builds()]
+                wrong.append(
+                    f'{name} is {value}: a shaft is laid in lines along its axis, nothing else is built'
+                )
+        return wrong + [
+            f'{name}: only a build knows this, a shaft is restored' for name in self.of_builds()
+        ]
 
     @property
     def unrolled(self) -> Unrolled | None:

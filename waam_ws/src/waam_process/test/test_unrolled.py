@@ -16,7 +16,11 @@ SHAFTS = [Unrolled(d) for d in (0.030, 0.040, 0.0801, 0.200)]
 @pytest.mark.parametrize('shaft', SHAFTS)
 def test_points_there_and_back(shaft):
     rng = np.random.default_rng(3)
-    t, y, r = rng.uniform(0, 2 * math.pi, 50), rng.uniform(0, 0.2, 50), shaft.radius + rng.uniform(-4e-3, 3e-3, 50)
+    t, y, r = (
+        rng.uniform(0, 2 * math.pi, 50),
+        rng.uniform(0, 0.2, 50),
+        shaft.radius + rng.uniform(-4e-3, 3e-3, 50),
+    )
     points = np.column_stack([r * np.sin(t), y, r * np.cos(t)])
     plate = shaft.unroll(points)
     assert np.allclose(shaft.points(plate), points, atol=1e-12)
@@ -49,7 +53,9 @@ def test_a_turn_is_a_whole_number_of_cells(shaft):
 def test_a_turn_comes_round_on_the_plate():
     shaft, cell = Unrolled(0.04), 0.5e-3
     count = round(shaft.period / cell)
-    turn = HeightGrid(GridSpec(OVERLAP, 0.0, cell, 2, count), np.arange(2.0 * count).reshape(2, count))
+    turn = HeightGrid(
+        GridSpec(OVERLAP, 0.0, cell, 2, count), np.arange(2.0 * count).reshape(2, count)
+    )
     spec = GridSpec(0.0, 0.0, cell, 2, round(shaft.length_x / cell))
     z = shaft.wrapped(turn, spec).z
     first = shaft.first_turn(spec)

@@ -122,7 +122,9 @@ def test_metal_at_a_smaller_radius_grows_higher(depth):
 
 
 def test_the_scanner_sees_the_shaft_after_any_number_of_turns():
-    still = {'scanner': ScannerParams(noise=0.0, outliers=0.0, dropout=0.0, shared_error=0.0, points=64)}
+    still = {
+        'scanner': ScannerParams(noise=0.0, outliers=0.0, dropout=0.0, shared_error=0.0, points=64)
+    }
     plant = cell(**still)
     n = turn(plant).shape[1]
     bump = plant.metal.z

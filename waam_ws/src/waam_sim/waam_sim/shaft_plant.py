@@ -57,14 +57,18 @@ class ShaftPlant(Plant):
         """ValueError for a field that does not close, and for parts of the cell that a shaft does not have."""
         params = params or PlantParams()
         if params.gantry.on:
-            raise ValueError('cell.gantry_on: axes that bend are not simulated with a shaft in the chuck')
+            raise ValueError(
+                'cell.gantry_on: axes that bend are not simulated with a shaft in the chuck'
+            )
         for name, cell in (('metal', params.metal.cell), ('heat', params.heat.cell)):
             if abs(chuck.period / cell - round(chuck.period / cell)) > 1e-6:
                 text = f'cell.{name}_cell is {cell * 1e3:g} mm and does not divide the turn of'
                 raise ValueError(f'{text} {chuck.period * 1e3:g} mm')
         x0, x1, *_ = part.spec.extent
         if x0 > chuck.first - REACH or x1 < chuck.first + chuck.period + REACH:
-            raise ValueError(f'the field shows {x0:g} to {x1:g} m, not the turn and {REACH:g} m beside it')
+            raise ValueError(
+                f'the field shows {x0:g} to {x1:g} m, not the turn and {REACH:g} m beside it'
+            )
         self.chuck = chuck
         self._turns = 0
         self._samples = np.zeros(0, SAMPLE)

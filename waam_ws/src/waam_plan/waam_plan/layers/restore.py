@@ -20,7 +20,15 @@ from waam_plan.layers import sides
 from waam_plan.layers.layer import LayerTask, lay
 from waam_plan.layers.layout import best, most_even
 from waam_plan.layers.schedule import Schedule, choose_schedule, finish_height, layer_count
-from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest, metal_of
+from waam_plan.plan import (
+    Plan,
+    PlanError,
+    PlannedLayer,
+    check_reach,
+    collector_paused,
+    highest,
+    metal_of,
+)
 from waam_plan.settings import JUDGED_RIM, PlanSettings
 from waam_plan.shaft import lines
 from waam_plan.slice.section import outline

@@ -92,7 +92,9 @@ def on_shaft(segments: list[Segment], shaft: Unrolled) -> list[Segment]:
     """Deposits with the width that their beads have on the shaft: `share` of that on the plate, at half of their
     height, which is the metal between two radii over that of a plate of the same thickness."""
     return [
-        s.at(width=s.width * float(shaft.share(s.midpoint[2] + s.height / 2))) if s.kind == Kind.DEPOSIT else s
+        s.at(width=s.width * float(shaft.share(s.midpoint[2] + s.height / 2)))
+        if s.kind == Kind.DEPOSIT
+        else s
         for s in segments
     ]
 

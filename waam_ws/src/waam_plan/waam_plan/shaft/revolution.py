@@ -40,7 +40,9 @@ def body_of(mesh: trimesh.Trimesh) -> Body | None:
         if abs(size[0] - size[1]) > ALIKE * size.max():
             continue
         if _all_in_circles(away @ axis, away[:, across]):
-            return Body(axis, 2 * float(np.hypot(*away[:, across].T).max()), float(np.ptp(away @ axis)))
+            return Body(
+                axis, 2 * float(np.hypot(*away[:, across].T).max()), float(np.ptp(away @ axis))
+            )
     return None
 
 

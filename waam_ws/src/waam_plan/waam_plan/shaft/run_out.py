@@ -54,7 +54,9 @@ class RunOut:
     def over(self, spec: GridSpec, shaft: Unrolled) -> np.ndarray:
         """(rows, cols) m that the run-out adds to the radius."""
         t, y = shaft.angle(spec.x), (spec.y - self.middle)[:, None]
-        return (self.cos[0] + self.cos[1] * y) * np.cos(t) + (self.sin[0] + self.sin[1] * y) * np.sin(t)
+        return (self.cos[0] + self.cos[1] * y) * np.cos(t) + (
+            self.sin[0] + self.sin[1] * y
+        ) * np.sin(t)
 
     @property
     def text(self) -> str:
@@ -82,7 +84,9 @@ def fit(found: HeightGrid, shaft: Unrolled, ends: float, length: float) -> RunOu
     t, y, z = (np.concatenate(v) for v in zip(*readings, strict=True))
     middle = length / 2
     away = y - middle
-    columns = np.column_stack([np.ones_like(t), np.cos(t), np.sin(t), away * np.cos(t), away * np.sin(t)])
+    columns = np.column_stack(
+        [np.ones_like(t), np.cos(t), np.sin(t), away * np.cos(t), away * np.sin(t)]
+    )
     found_at, *_ = np.linalg.lstsq(columns, z - shaft.level, rcond=None)
     left = z - shaft.level - columns @ found_at
     rms = float(np.sqrt(left @ left / max(len(left) - 5, 1)))

@@ -26,7 +26,9 @@ from waam_plan.shaft.run_out import RunOut
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.unrolled import OVERLAP, ShaftError, Unrolled
 
-CIRCUMFERENCE = 0.02  # share by which a map of one turn may be longer or shorter than the nominal circumference
+CIRCUMFERENCE = (
+    0.02  # share by which a map of one turn may be longer or shorter than the nominal circumference
+)
 FARTHEST = 15e-3  # m from the nominal surface, beyond which half of a scan is not one of this shaft
 SHORTEST = 20e-3  # m
 
@@ -55,7 +57,11 @@ def turn_of(path: Path, scale: float, shaft: Unrolled, cell: float) -> HeightGri
         )
     off = np.abs(found.z - shaft.level)
     if not np.isfinite(off).any() or np.nanmedian(off) > FARTHEST:
-        far = f'{1e3 * np.nanmedian(found.z - shaft.level):+.1f} mm' if np.isfinite(off).any() else 'nowhere'
+        far = (
+            f'{1e3 * np.nanmedian(found.z - shaft.level):+.1f} mm'
+            if np.isfinite(off).any()
+            else 'nowhere'
+        )
         raise ShaftError(
             f'{path}: the surface lies {far} from a diameter of {shaft.diameter * 1e3:g} mm (median, radial); check '
             'the diameter, the units (--scale) and that the axis of the points is y through x = z = 0'
@@ -103,7 +109,9 @@ def part_of(path: Path, scale: float, shaft: Unrolled) -> Part:
     turn = turn_of(path, scale, shaft, 0.5e-3)
     length = turn.spec.extent[3]
     size = (shaft.length_x, length, shaft.level)
-    mesh = trimesh.creation.box(size, trimesh.transformations.translation_matrix(np.array(size) / 2))
+    mesh = trimesh.creation.box(
+        size, trimesh.transformations.translation_matrix(np.array(size) / 2)
+    )
     note = (
         f'shaft of {shaft.diameter * 1e3:g} mm, {length * 1e3:.1f} mm long, unrolled: one turn is '
         f'{shaft.period * 1e3:g} mm of x from {OVERLAP * 1e3:g} mm on, y is along the axis'
@@ -137,7 +145,9 @@ def nominal_of(part: Part, found: HeightGrid, settings: PlanSettings) -> tuple[H
     return level.with_z(level.z + out.over(found.spec, shaft)), out
 
 
-def of_file(path: Path, scale: float, settings: PlanSettings) -> tuple[HeightGrid, HeightGrid, RunOut]:
+def of_file(
+    path: Path, scale: float, settings: PlanSettings
+) -> tuple[HeightGrid, HeightGrid, RunOut]:
     """As found and wanted, from the file of a scan, and its run-out. Errors as of `turn_of` and `nominal_of`."""
     shaft = settings.unrolled
     assert shaft is not None
