@@ -20,6 +20,8 @@ from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Segment
 from waam_process.unrolled import OVERLAP, Unrolled
 
+EDGE = 1e-3  # m: a map does not know its height nearer than half a cell to the edge of the plate
+
 
 def along_axis(settings: PlanSettings) -> PlanSettings:
     """The settings with which a layer of a shaft is filled."""
@@ -72,13 +74,20 @@ def _folded(chain: Chain, shaft: Unrolled) -> list[Chain]:
 
 
 def with_copies(chains: list[Chain], shaft: Unrolled) -> list[Chain]:
-    """The chains, and behind them their copies on the plate."""
+    """The chains, and behind them copies of their lines that lie on the plate."""
     out = list(chains)
     for step in (-shaft.period, shaft.period):
         for chain in chains:
-            x = np.concatenate([line[:, 0] for line in chain]) + step
-            if x.max() > 0.0 and x.min() < shaft.length_x:
-                out.append([line + (step, 0.0) for line in chain])
+            part: Chain = []
+            for line in (own + (step, 0.0) for own in chain):
+                on = line[:, 0].min() >= EDGE and line[:, 0].max() <= shaft.length_x - EDGE
+                if on:
+                    part.append(line)
+                elif part:  # the chain leaves the plate here
+                    out.append(part)
+                    part = []
+            if part:
+                out.append(part)
     return out
 
 
@@ -101,11 +110,17 @@ def on_shaft(segments: list[Segment], shaft: Unrolled) -> list[Segment]:
 
 def arc_paths(layer: PlannedLayer, settings: PlanSettings) -> tuple[np.ndarray, ...]:
     """Stretches with the arc on, (n, 2) m, as the correction knows a layer: of a shaft with their copies."""
-    paths = layer.arc_paths
+    paths = list(layer.arc_paths)
     shaft = settings.unrolled
     if shaft is None:
         return tuple(paths)
-    return tuple(chain[0] for chain in with_copies([[p] for p in paths], shaft))
+    for step in (-shaft.period, shaft.period):
+        for path in layer.arc_paths:
+            copy = path + (step, 0.0)
+            on = (copy[:, 0] >= 0.0) & (copy[:, 0] <= shaft.length_x)
+            stretches = np.split(np.arange(len(copy)), np.flatnonzero(np.diff(on)) + 1)
+            paths += [copy[part] for part in stretches if on[part[0]] and len(part) > 1]
+    return tuple(paths)
 
 
 def segments_with_copies(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
