@@ -23,6 +23,8 @@ SCALE = PERIOD / (2 * math.pi)
 LEVEL = 0.5 * SCALE
 CHUCK = Chuck(PERIOD, FIRST, SCALE, SCALE - LEVEL)
 ZERO = np.array(PlantParams().work_zero)
+STILL = 3000  # samples at the start without an arc: the cell forgets how fast the torch came there
+INSIDE = 0.3 * CELL  # a place that is no edge of a cell, so that rounding does not choose the cell
 QUIET = {'area_noise_fixed': 0.0, 'area_noise_layer': 0.0, 'width_noise': 0.0}
 
 
@@ -36,14 +38,15 @@ def cell(model='portions', height=LEVEL, **groups) -> ShaftPlant:
 
 
 def lay(plant: ShaftPlant, path: list[tuple[float, float]], speed: float = 0.01) -> None:
-    """Straight lines between points (m, work frame), the torch at the surface; then the arc goes out."""
+    """Straight lines between points (m, work frame), the torch at the surface; it stands at the start, at the end the arc goes out."""
     points = np.array(path)
     pairs = zip(points, points[1:], strict=False)
     ways = [np.linspace(a, b, max(2, int(math.dist(a, b) / speed * 1e3))) for a, b in pairs]
     track = np.concatenate(ways)
-    track = np.concatenate([track, np.repeat(track[-1:], 10 + -len(track) % 10, axis=0)])
+    still = np.repeat(track[:1], STILL, axis=0)
+    track = np.concatenate([still, track, np.repeat(track[-1:], 10 + -len(track) % 10, axis=0)])
     on = np.ones(len(track), bool)
-    on[-10:] = False
+    on[:STILL] = on[-10:] = False
     for k in range(0, len(track), 10):
         samples = np.zeros(10, SAMPLE)
         samples['table_x'] = -(track[k : k + 10, 0] + ZERO[0])
@@ -94,7 +97,7 @@ def test_turning_everything_gives_the_same_metal(model):
     found = []
     for shift in (0, 60, 160):  # cells, whole cells of heat; the second is laid over the seam
         plant = cell(model, **steady)
-        x = FIRST + 0.1 + shift * CELL
+        x = FIRST + 0.1 + INSIDE + shift * CELL
         line = [(x, 0.010), (x, 0.030), (x + 0.004, 0.030), (x + 0.004, 0.010)]
         lay(plant, line, speed=0.0097)  # no portion ends on the edge of a sample
         found.append(np.roll(turn(plant), -shift, axis=1))
@@ -106,7 +109,7 @@ def test_turning_everything_gives_the_same_metal(model):
 def test_any_number_of_turns_is_the_same_place():
     plants = [cell(), cell()]
     for plant, turns in zip(plants, (0, 7), strict=True):
-        x = FIRST + 0.05 + turns * PERIOD
+        x = FIRST + 0.05 + INSIDE + turns * PERIOD
         lay(plant, [(x, 0.010), (x, 0.030)])
     assert np.abs(turn(plants[0]) - turn(plants[1])).max() < 1e-9
 
@@ -135,15 +138,23 @@ def test_the_scanner_sees_the_shaft_after_any_number_of_turns():
     rows = []
     for turns in (0, 3):
         samples = np.zeros(10, SAMPLE)
-        at = FIRST + 0.03 + turns * PERIOD - still['scanner'].offset_x + np.arange(10) * 1e-6
+        at = (
+            FIRST
+            + 0.03
+            + INSIDE
+            + turns * PERIOD
+            - still['scanner'].offset_x
+            + np.arange(10) * 1e-6
+        )
         samples['table_x'], samples['table_y'] = -(at + ZERO[0]), -(0.02 + ZERO[1])
         samples['tool_z'] = LEVEL + 0.005 + ZERO[2]
         for _ in range(2):  # the first is where the torch came from
             plant.step(samples, plant.time_us + 10_000)
             profiles = plant.profiles(samples)
         rows.append(profiles.z[-1])
-    assert np.isfinite(rows[0]).sum() > 10
-    assert np.allclose(rows[0], rows[1], atol=1e-6, equal_nan=True)
+    seen = np.isfinite(rows[0]) & np.isfinite(rows[1])  # flanks show by chance
+    assert seen.sum() > 20
+    assert np.allclose(rows[0][seen], rows[1][seen], atol=1e-6)
 
 
 def test_what_a_shaft_does_not_have_is_refused():
