@@ -134,7 +134,7 @@ def shaft(maps: LabMaps, diameter: float, magnified: float = 10.0) -> bytes:
     error, found = maps.error[rows][:, on], maps.as_found[rows][:, on]
     y, radius = y[rows], turning.radius * 1e3
     figure = new_figure(9.4, 6.0)
-    axes = figure.add_subplot(2, 2, 1, projection='polar')
+    axes: Any = figure.add_subplot(2, 2, 1, projection='polar')
     middle = len(y) // 2
     axes.set_theta_zero_location('N')
     axes.set_theta_direction(-1)
@@ -145,7 +145,7 @@ def shaft(maps: LabMaps, diameter: float, magnified: float = 10.0) -> bytes:
     axes.plot(angle, np.full_like(angle, radius), color=GREEN, linewidth=0.8, label='wanted')
     axes.set_yticklabels([])
     axes.set_title(f'profile at y = {y[middle] * 1e3:.0f} mm, errors x {magnified:g}', fontsize=9)
-    axes.legend(fontsize=7, loc='lower left')
+    axes.legend(fontsize=7, loc='lower right', bbox_to_anchor=(-0.1, 0.0))
     axes.tick_params(labelsize=7)
     space = figure.add_subplot(2, 2, 2, projection='3d')
     step_y, step_t = max(1, len(y) // 60), max(1, len(angle) // 120)

@@ -181,6 +181,7 @@ def test_short_ends_are_refused(tmp_path):
         ({'direction': 'x'}, 'direction is x'),
         ({'alternation': 'turn'}, 'alternation is turn'),
         ({'tilt_deg': 10.0}, 'tilt_deg is 10'),
+        ({'stagger': True}, 'stagger is True'),
         ({'shrinkage': 0.01}, 'only a build knows this'),
         ({'shaft_diameter': 0.02}, 'thinner than 0.03 m'),
         ({'shaft_diameter': 0.0}, 'shaft_ends belongs to a shaft'),

@@ -69,8 +69,8 @@ def plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
 
     if args.zone or args.level is not None or args.repair or args.nominal:
         raise ValueError('--zone, --level, --repair and --nominal do not go with --shaft')
-    (_, *low), (_, *high) = settings.machine_min, settings.machine_max
-    settings = replace(settings, machine_min=(-TURNS, *low), machine_max=(TURNS, *high))
+    (_, y0, z0), (_, y1, z1) = settings.machine_min, settings.machine_max
+    settings = replace(settings, machine_min=(-TURNS, y0, z0), machine_max=(TURNS, y1, z1))
     found, nominal, run_out = of_file(args.part, args.scale, settings)
     made = plan_restoration(found, nominal, settings, args.layers)
     return replace(made, name=args.part.stem, remarks=[run_out.text, *made.remarks])

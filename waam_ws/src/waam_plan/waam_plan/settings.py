@@ -201,7 +201,7 @@ class PlanSettings:
             )
         fixed = {
             'strategy': ('solid', 'zigzag'), 'direction': ('auto', 'y'), 'alternation': ('none', 'reverse'),
-            'tilt_deg': (0,),
+            'tilt_deg': (0,), 'stagger': (False,),
         }  # fmt: skip
         for name, known in fixed.items():
             if (value := getattr(self, name)) not in known:

@@ -126,8 +126,8 @@ class ShaftPlant(Plant):
     def _wire_by_radius(self) -> None:
         """The metal of the wire on the area that the shaft has at the middle of the bead."""
         s, spec = self.metal.state, self.metal.spec
-        row, col = spec.cell(float(s['pool_x'][0]), float(s['pool_y'][0]))
-        row, col = int(np.clip(row, 0, spec.rows - 1)), int(np.clip(col, 0, spec.cols - 1))
+        at = spec.cell(float(s['pool_x'][0]), float(s['pool_y'][0]))
+        row, col = int(np.clip(at[0], 0, spec.rows - 1)), int(np.clip(at[1], 0, spec.cols - 1))
         middle = float(self.metal.solid[row, col]) + 0.5 * float(s['height'][0])
         self.metal.params['wire_diameter'] = self._wire / math.sqrt(self.chuck.share(middle))
 

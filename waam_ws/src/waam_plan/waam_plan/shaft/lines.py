@@ -38,7 +38,7 @@ def chains_of(mask: np.ndarray, spec: GridSpec, settings: PlanSettings, turn: in
     assert shaft is not None
     first = shaft.first_turn(spec)
     on = mask[:, first]
-    begin = _free_column(on.any(axis=0))
+    begin = _free_column(np.asarray(on.any(axis=0)))
     x = spec.x[first][0] - spec.resolution / 2 + begin * spec.resolution
     window = GridSpec(float(x), spec.origin_y, spec.resolution, spec.rows, on.shape[1])
     rolled = np.roll(on, -begin, axis=1)
