@@ -24,17 +24,13 @@ class ShaftFigures:
     """NaN where nothing was laid all round, or nothing was seen."""
 
     clean_diameter: float = math.nan  # largest that the lathe reaches on the needed area
-    roundness: float = (
-        math.nan
-    )  # peak to valley about the least squares circle, mean over the profiles
-    new_run_out: float = (
-        math.nan
-    )  # of the new surface about the axis of the unworn ends, as a dial gauge reads it
+    # peak to valley about the least squares circle, mean over the profiles
+    roundness: float = math.nan
+    # of the new surface about the axis of the unworn ends, as a dial gauge reads it
+    new_run_out: float = math.nan
     seam_step: float = math.nan  # of the new surface across the seam of the map
-    axis: tuple[float, float] = (
-        math.nan,
-        math.nan,
-    )  # of the shaft beside the chuck's, as it was found
+    # of the shaft beside the chuck's, as it was found
+    axis: tuple[float, float] = (math.nan, math.nan)
 
 
 def figures(plan: Plan, z: np.ndarray) -> ShaftFigures | None:
@@ -83,6 +79,6 @@ def _harmonics(profile: np.ndarray) -> tuple[float, float]:
 def _seam_step(error: np.ndarray, laid: np.ndarray, x: np.ndarray, shaft: Unrolled) -> float:
     """Mean height behind the seam less that before it; NaN where nothing is laid there."""
     behind, before = x < OVERLAP + BESIDE_SEAM, x >= OVERLAP + shaft.period - BESIDE_SEAM
-    both = (laid[:, behind].any(axis=1) & laid[:, before].any(axis=1))[:, None]
+    both = np.asarray(laid[:, behind].any(axis=1) & laid[:, before].any(axis=1))[:, None]
     sides = [error[laid & both & side] for side in (behind, before)]
     return float(sides[0].mean() - sides[1].mean()) if all(s.size for s in sides) else math.nan

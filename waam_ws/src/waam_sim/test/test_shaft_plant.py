@@ -38,7 +38,7 @@ def cell(model='portions', height=LEVEL, **groups) -> ShaftPlant:
 
 
 def lay(plant: ShaftPlant, path: list[tuple[float, float]], speed: float = 0.01) -> None:
-    """Straight lines between points (m, work frame), the torch at the surface; it stands at the start, at the end the arc goes out."""
+    """Straight lines between points (m, work frame), the torch at the surface, where it stands before the start."""
     points = np.array(path)
     pairs = zip(points, points[1:], strict=False)
     ways = [np.linspace(a, b, max(2, int(math.dist(a, b) / speed * 1e3))) for a, b in pairs]

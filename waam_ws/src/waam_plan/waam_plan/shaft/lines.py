@@ -115,8 +115,8 @@ def arc_paths(layer: PlannedLayer, settings: PlanSettings) -> tuple[np.ndarray, 
     if shaft is None:
         return tuple(paths)
     for step in (-shaft.period, shaft.period):
-        for path in layer.arc_paths:
-            copy = path + (step, 0.0)
+        for own_path in layer.arc_paths:
+            copy = own_path + (step, 0.0)
             on = (copy[:, 0] >= 0.0) & (copy[:, 0] <= shaft.length_x)
             stretches = np.split(np.arange(len(copy)), np.flatnonzero(np.diff(on)) + 1)
             paths += [copy[part] for part in stretches if on[part[0]] and len(part) > 1]
