@@ -21,10 +21,12 @@ from waam_bringup.client import ClientError, GraphClient
 from waam_bringup.graph import Settings, load
 from waam_bringup.jobs import make_goal
 from waam_bringup.operate import graph, graph_watch
+from waam_msgs.msg import JobStatus
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 
 sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_table
+MAX_PAUSE_S = 120.0  # of a job that no test resumes
 WITHOUT_ROS = {name for name, d in load().items() if not d.get('ros', True)}
 
 
@@ -68,7 +70,25 @@ class Bench:
     def job(self, **changes):
         """Loads the worn part and runs a job to its end."""
         self.load()
-        return self.client.run_job(self.goal(**changes), lambda _: None, graph_watch(self.run))
+        return self.run_job(self.goal(**changes))
+
+    def run_job(self, goal, on_status=lambda _: None):
+        """A job to its end. One that waits for a person is an error: nobody comes, and the test would wait for ever."""
+        trouble, paused_at = graph_watch(self.run), None
+
+        def alive() -> str:
+            nonlocal paused_at
+            job = self.client.job
+            if job is None or job.state != JobStatus.PAUSED:
+                paused_at = None
+            elif paused_at is None:
+                paused_at = time.monotonic()
+            elif time.monotonic() - paused_at > MAX_PAUSE_S:
+                self.client.trigger('job_sequencer/abort')
+                return f'the job waits for a person: {job.message}'
+            return trouble()
+
+        return self.client.run_job(goal, on_status, alive)
 
     def state(self) -> run_state.RunState:
         return run_state.load(self.run)

@@ -185,7 +185,7 @@ def test_second_job_is_refused_while_one_runs(bench, background):
         lambda: bench.client.job and bench.client.job.state == JobStatus.SCANNING, 30, 'scanning'
     )
     with pytest.raises(ClientError, match='running already'):
-        bench.client.run_job(bench.goal(), lambda _: None)
+        bench.run_job(bench.goal())
     bench.client.trigger('job_sequencer/abort')
     assert first.join().error_code == CODES.ABORTED
 
@@ -196,13 +196,13 @@ def test_what_needs_no_scan_is_refused_at_once_and_before_arming(bench, tmp_path
     part = tmp_path / 'mushroom.stl'
     trimesh.util.concatenate([foot, roof]).export(part)
     goal = bench.goal(mode='build', part=part, wire_left=0.5, k_gain=0.4)
-    result = bench.client.run_job(goal, lambda _: None)
+    result = bench.run_job(goal)
     assert result.error_code == CODES.BAD_GOAL
     for words in ('overhang of 8', 'm of wire', 'allows 0.3 (k_gain_max)'):
         assert words in result.message
     assert not (Path(result.job_dir) / 'record').exists()
     goal = bench.goal(set=['speed=fast', 'nonsense=1'])
-    result = bench.client.run_job(goal, lambda _: None)
+    result = bench.run_job(goal)
     assert result.error_code == CODES.BAD_GOAL and not result.job_dir
     for words in ("'fast' is not a float", 'no setting nonsense', 'known: '):
         assert words in result.message
@@ -286,7 +286,7 @@ def test_every_verb_of_waam_job_steers_the_running_job(bench, background, capfd)
 )
 def test_bad_goal_is_refused_and_leaves_nothing(bench, change, code, word):
     before = set(bench.jobs.iterdir()) if bench.jobs.exists() else set()
-    result = bench.client.run_job(bench.goal(**change), lambda _: None)
+    result = bench.run_job(bench.goal(**change))
     assert result.error_code == code and word in result.message
     assert (set(bench.jobs.iterdir()) if bench.jobs.exists() else set()) == before
     assert bench.client.machine.state == MachineState().state
@@ -297,14 +297,16 @@ def test_arc_loss_fails_the_job_with_the_place(bench):
 
     seen = {'armed': False}
 
-    def once_depositing(status):
-        if status.state == JobStatus.DEPOSITING and not seen['armed']:
+    def in_the_bead(
+        status,
+    ):  # while no arc has struck yet, the job would pause: no arc after the last try
+        if status.state == JobStatus.DEPOSITING and status.bead and not seen['armed']:
             seen['armed'] = True
             request = InjectFault.Request(fault='arc_loss', value=600.0)
             bench.client.node.create_client(InjectFault, 'cell/inject_fault').call_async(request)
 
     bench.load()
-    result = bench.client.run_job(bench.goal(layers=1), once_depositing)
+    result = bench.run_job(bench.goal(layers=1), in_the_bead)
     bench.client.call(InjectFault, 'cell/inject_fault', InjectFault.Request(fault='none'))
     assert result.error_code == CODES.DEPOSITION_FAILED, result.message
     report = json.loads((Path(result.job_dir) / 'report.json').read_text())['closed_loop']

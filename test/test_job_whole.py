@@ -151,7 +151,7 @@ def test_a_start_of_the_record_that_is_answered_too_late_leaves_nothing_at_work(
         recorder = bench.state().nodes['recorder'].pid
         os.kill(recorder, signal.SIGSTOP)
         try:
-            result = bench.client.run_job(bench.goal(layers=1), lambda _: None)
+            result = bench.run_job(bench.goal(layers=1))
         finally:
             os.kill(recorder, signal.SIGCONT)
         assert result.error_code == RunJob.Result.NODE_LOST and 'recorder' in result.message

@@ -201,7 +201,7 @@ class FakeCell:
             psi, residual = np.zeros_like(psi), np.zeros_like(psi)
         return Correction(
             psi=psi,
-            confidence=np.ones_like(psi),
+            confidence=np.full_like(psi, not fallback),
             residual_height=residual,
             k_gain=k_gain,
             flow_factor=1.0,

@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .job import Fault, LabJob, LabMaps, LabResult, build, restore
+    from .job import Fault, LabJob, LabMaps, LabResult, build, restore, restore_shaft
     from .laboratory import over_seeds, run
     from .many import run_many
 
@@ -16,11 +16,14 @@ __all__ = [
     'build',
     'over_seeds',
     'restore',
+    'restore_shaft',
     'run',
     'run_many',
 ]
 _MODULE_OF = {
-    **dict.fromkeys(('Fault', 'LabJob', 'LabMaps', 'LabResult', 'build', 'restore'), 'job'),
+    **dict.fromkeys(
+        ('Fault', 'LabJob', 'LabMaps', 'LabResult', 'build', 'restore', 'restore_shaft'), 'job'
+    ),
     **dict.fromkeys(('over_seeds', 'run'), 'laboratory'),
     'run_many': 'many',
 }

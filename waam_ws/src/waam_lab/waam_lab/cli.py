@@ -9,6 +9,7 @@ from typing import Any
 
 from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
 from waam_node import spread
+from waam_plan import cli_shaft
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY, MACHINES, PRESETS
 
 from . import cli_fit, cli_forecast
@@ -26,6 +27,7 @@ examples:
   waam lab part.stl --as-found worn.stl --machine robot                the same job on a robot
   waam lab part.stl --as-found worn.stl --machine robot --urdf my_arm.urdf   on another arm
   waam lab pad.gcode --dialect slicer --nominal pad.stl                what a program of another slicer will give
+  waam lab worn.npz --shaft 80 --ends 20                               a worn shaft that turns (docs/planning.md)
   waam lab fit jobs                                                    fit the cell to records (waam lab fit --help)
 
 --set takes parameters of the nodes (their READMEs list them) and, as plan.NAME, settings of the planner in SI.
@@ -57,13 +59,14 @@ def register(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_part(p)
+    cli_shaft.add_shaft(p)
     _add_process(p)
     _add_campaign(p)
     p.set_defaults(run_command=_run, of_cell=of_cell)
     cli_fit.register(commands)
     p = cli_forecast.register(commands, _add_part)
     _add_process(p)
-    p.set_defaults(of_cell=of_cell, jobs_dir=jobs_dir)
+    p.set_defaults(of_cell=of_cell, jobs_dir=jobs_dir, shaft=None, ends=None)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:

@@ -19,7 +19,8 @@ from waam_job.cli_program import asked_of, with_finish
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
-from waam_process.operating import DEFAULT_MATERIAL, ROBOT
+from waam_plan import cli_shaft
+from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 
 from . import params, report
 from .advance import JobAdvance
@@ -98,6 +99,7 @@ def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]
         if args.machine != ROBOT:
             raise ValueError('--urdf belongs to --machine robot')
         overrides = urdf_settings.settings(args.urdf, overrides)
+    shaft = tuple(f'{k}={v!r}' for k, v in cli_shaft.settings_of(args).items())
     goal = JobGoal(
         material=args.material or wire or DEFAULT_MATERIAL,
         jobs_dir=(out / 'jobs').resolve(),
@@ -110,11 +112,12 @@ def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]
         strategy=args.strategy,
         allowance=args.allowance * 1e-3,
         passes=args.passes,
-        plan_settings=(*with_finish(args), *plan),
+        plan_settings=(*with_finish(args), *shaft, *plan),
         repair=args.repair,
-        **asked_of(args, 'restore' if args.as_found else 'build').goal_fields(),
+        **asked_of(args, 'restore' if args.as_found or shaft else 'build').goal_fields(),
     )
-    as_found = args.as_found.resolve() if args.as_found else None
+    worn = args.part if shaft else args.as_found
+    as_found = worn.resolve() if worn else None
     job = LabJob(
         goal,
         as_found,
@@ -137,7 +140,7 @@ def _check(job: LabJob, args: argparse.Namespace) -> tuple[str, ...]:
         raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
     known = params.make(job.overrides, preset=job.preset)
     try:
-        checked = check(job.goal)
+        checked = check(job.goal, chuck=job.machine == GANTRY)
     except JobError as e:
         raise ValueError(str(e)) from None
     return on_table(job, checked, known, physics_of(job, known)).notes

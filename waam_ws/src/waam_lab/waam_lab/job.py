@@ -12,6 +12,7 @@ import numpy as np
 
 from waam_job.model.goal import JobGoal
 from waam_plan.finish import MACHINED
+from waam_plan.settings import assigned
 from waam_process.grid import GridSpec
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY
 from waam_process.verdicts import FAILED, GOOD
@@ -54,6 +55,12 @@ class LabJob:
         """Whether it is judged by what is below nominal after machining."""
         return f'finish={MACHINED}' in self.goal.plan_settings
 
+    @property
+    def shaft_diameter(self) -> float:
+        """m, nominal, of a shaft that turns; 0 for a part that lies still."""
+        given = assigned(self.goal.plan_settings).get('shaft_diameter', 0.0)
+        return given if isinstance(given, float) else 0.0
+
 
 # of LabJob, beside those of its goal
 OWN = ('overrides', 'preset', 'plant', 'faults', 'machine', 'keep', 'learned', 'keep_learned')
@@ -62,6 +69,16 @@ OWN = ('overrides', 'preset', 'plant', 'faults', 'machine', 'keep', 'learned', '
 def restore(part: Path, as_found: Path, seed: int = 1, **options: Any) -> LabJob:
     """A restoration. options: fields of LabJob and of JobGoal."""
     return _job(part, as_found, seed, 'restore', options)
+
+
+def restore_shaft(
+    scan: Path, diameter: float, ends: float, seed: int = 1, **options: Any
+) -> LabJob:
+    """The restoration of a shaft that turns. scan: of the worn shaft (`waam_plan.shaft.surfaces`); diameter, ends: m,
+    as of `waam plan --shaft`. options: fields of LabJob and of JobGoal."""
+    own = (f'shaft_diameter={diameter!r}', f'shaft_ends={ends!r}')
+    given = tuple(options.pop('plan_settings', ()))
+    return _job(scan, scan, seed, 'restore', {**options, 'plan_settings': (*given, *own)})
 
 
 def build(part: Path, seed: int = 1, **options: Any) -> LabJob:
@@ -113,6 +130,12 @@ class LabResult:
     stock_mean: float = math.nan  # m to be machined off what was laid
     stock_high: float = math.nan  # m, 99 % of it have less
     unlaid_share: float = math.nan  # of the needed area: too narrow or too shallow for a bead
+    # of a shaft, see `shaft.ShaftFigures`
+    clean_diameter: float = math.nan
+    roundness: float = math.nan
+    new_run_out: float = math.nan
+    seam_step: float = math.nan
+    axis: tuple[float, float] = (math.nan, math.nan)
     layer_means: tuple[float, ...] = ()  # m, mean error of the judged area after every layer
     layer_rms: tuple[float, ...] = ()  # m, RMS of the same error
     layers: int = 0

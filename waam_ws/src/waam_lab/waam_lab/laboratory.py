@@ -20,12 +20,15 @@ from waam_job.store.folder import JobFolder
 from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_plan.mesh.placed import Table
-from waam_process.operating import MACHINES, build_plate
+from waam_process.grid import HeightGrid
+from waam_process.operating import GANTRY, MACHINES, build_plate
+from waam_process.unrolled import OVERLAP
 from waam_process.verdicts import FAILED
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
 from waam_sim.faults import Faults
 from waam_sim.plant import Plant, PlantParams
+from waam_sim.shaft_plant import Chuck, ShaftPlant
 
 from . import params, results
 from .cell import LabCell
@@ -33,6 +36,7 @@ from .job import LabJob, LabResult
 from .operator import Operator
 from .watch import LayerWatch
 
+CHUCK_RUN = 0.05  # m of x beyond the plate of a shaft, for the ends of the scanner's passes
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
@@ -44,9 +48,10 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
     """
     known = params.make(job.overrides, preset=job.preset)
     _check_cell(job)
-    checked = check(replace(job.goal, learned_dir=job.learned))
+    checked = check(replace(job.goal, learned_dir=job.learned), chuck=job.machine == GANTRY)
+    known = _with_chuck(job, checked, known)
     physics = physics_of(job, known)
-    plant = Plant(on_table(job, checked, known, physics).heights, physics, job.seed)
+    plant = _plant(on_table(job, checked, known, physics).heights, checked, physics, job.seed)
     cell = LabCell(known, plant, job.faults, watch, job.machine)
     try:
         with _folder(job, checked, known) as folder, _few_objects():
@@ -71,6 +76,23 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
             )
     finally:
         cell.close()
+
+
+def _with_chuck(job: LabJob, checked: Checked, known: params.LabParams) -> params.LabParams:
+    """With an X axis that is as long as the turns of a shaft need: a chuck has no end."""
+    if checked.shaft is None:
+        return known
+    long = known.cell.work_zero[0] + checked.shaft.length_x + CHUCK_RUN
+    return params.make({'bridge': {'envelope_x': long}}, job.overrides, preset=job.preset)
+
+
+def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) -> Plant:
+    """The cell with a part on its table, or with a shaft in its chuck."""
+    shaft = checked.shaft
+    if shaft is None:
+        return Plant(lies, physics, seed)
+    chuck = Chuck(shaft.period, OVERLAP, shaft.scale, float(shaft.radius_at(0.0)))
+    return ShaftPlant(lies, chuck, physics, seed)
 
 
 def _check_cell(job: LabJob) -> None:

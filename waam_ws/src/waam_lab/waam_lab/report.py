@@ -44,6 +44,9 @@ ROWS = (
     Row('stock_mean', 'stock to machine, mean', 'mm', 1e3, 2),
     Row('stock_high', '... 99 % of what was laid', 'mm', 1e3, 2),
     Row('unlaid_share', 'needed area without metal', '%', 100.0, 1),
+    Row('clean_diameter', 'cleans up at diameter', 'mm', 1e3, 2, True),
+    Row('roundness', 'roundness of the new surface'),
+    Row('new_run_out', 'run-out of the new surface'),
     Row('time', 'machine time', 's', 1.0, 0),
     Row('wire', 'wire', 'm', 1.0, 2),
 )
@@ -259,7 +262,12 @@ def _pictures(c: Campaign, maps: bands.Maps | None) -> str:
     spread = pictures.histogram(bands.judged_errors(c.results), tolerance)
     level = pictures.levels(bands.level_bands(c.results), tolerance)
     inside = 'Dashed: the judged area.'
-    return (
+    first = next(r for r in c.results if r.maps is not None)
+    round_part = ''
+    if first.maps is not None and (diameter := c.job.shaft_diameter):
+        told = f'The shaft of seed {first.seed}. Angle 0 is up; the axis is y of the map.'
+        round_part = '<h2>The shaft</h2>' + picture(pictures.shaft(first.maps, diameter), told)
+    return round_part + (
         '<h2>Where the errors are</h2>'
         + picture(where, f'Error of the finished surface, cell by cell. {inside}')
         + '<div class="pair">'

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from waam_job.model.stock import needed_area
+from waam_job.model.stock import counted_area
 from waam_job.store.folder import JobFolder
 from waam_node import job_folder
 from waam_plan import finish
@@ -16,7 +17,7 @@ from waam_plan.plan import Plan
 from waam_process.grid import GridSpec
 from waam_process.verdicts import FAILED
 
-from . import causes
+from . import causes, shaft
 from .job import LabJob, LabMaps, LabResult
 
 LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by single cells beyond it
@@ -32,6 +33,7 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
     )
     rows = [r for r in run.get('layers', []) if not r.get('final')]
     judged = run.get('rms_mm') is not None
+    of_shaft = shaft.figures(first, maps[-1]['z']) if final and first else None
     return LabResult(
         seed=job.seed,
         verdict=report.get('verdict', FAILED),
@@ -51,6 +53,7 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
         stock_mean=_metres(run.get('stock') or {}, 'mean_mm'),
         stock_high=_metres(run.get('stock') or {}, 'high_mm'),
         unlaid_share=_number(run.get('unlaid') or {}, 'share'),
+        **(asdict(of_shaft) if of_shaft else {}),
         layer_means=layer_means(maps),
         layer_rms=layer_rms(maps),
         layers=len(rows),
@@ -107,7 +110,7 @@ def _maps(maps: list[dict[str, np.ndarray]], plan: Plan) -> LabMaps:
 def _below(plan: Plan, z: np.ndarray) -> np.ndarray | None:
     if plan.settings.finish != finish.MACHINED:
         return None
-    below: np.ndarray = needed_area(plan) & ~(z - plan.nominal.z >= 0)
+    below: np.ndarray = counted_area(plan) & ~(z - plan.nominal.z >= 0)
     return below
 
 

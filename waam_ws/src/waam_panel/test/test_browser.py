@@ -117,6 +117,7 @@ def gets_to(s: Screen, state: str) -> None:
 def pictures_of_a_bead(s: Screen) -> None:
     s.click('[data-map=error]')
     s.shows('#arc-state', 'ON')
+    s.shows('#map-places', 'mm at x')
     s.picture('run')
     s.page.set_viewport_size({'width': 1024, 'height': 768})
     s.picture('run_tablet')

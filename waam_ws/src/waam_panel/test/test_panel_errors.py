@@ -75,5 +75,18 @@ def test_every_scan_is_judged_by_its_own_layer(cell):
         assert f'after layer {layer}:' in shown['title']
 
 
+def test_the_worst_place_and_what_is_beyond_the_colours_are_told(cell):
+    shown = show(cell, scan(1, 0, 1, 1e-4))
+    assert 'beyond' not in shown['title']
+    assert all('+0.10 mm at x' in place['words'] for place in shown['places'])
+    message = scan(1, 1, 2, 3e-4)
+    message.z[2 * SPEC.cols + 3] += 0.5e-3
+    shown = show(cell, message)
+    place = shown['places'][0]
+    at = SPEC.origin_x + 3.5 * SPEC.resolution, SPEC.origin_y + 2.5 * SPEC.resolution, 0.0048
+    assert place['at'] == pytest.approx([v * 1e3 for v in at], abs=1e-3)
+    assert '+0.80 mm' in place['words'] and '2.1% of the judged area beyond' in shown['title']
+
+
 def test_the_scan_of_another_job_is_not_judged_by_this_one(cell):
     assert show(cell, scan(1, 0, 0, 1e-4, job='another')) is None

@@ -20,8 +20,8 @@ from aiohttp import web
 from waam_node import job_folder, stop_socket
 from waam_process.grid import HeightGrid
 from waam_process.safe_files import is_file, read_bytes
-from waam_view.job_data import error_after
 from waam_view.mailbox import Mailbox
+from waam_view.worst_places import error_after
 
 from . import calibrated, history, pictures
 from .archive_page import ArchivePage
@@ -158,15 +158,18 @@ class Cell:
         if self._judged == this or job_folder.job_of(scan['job_id']) != job['id']:
             return
         folder, layer = Path(job['dir']), scan['layer']
-        error = await self.background.thread(
+        after = await self.background.thread(
             'error map', error_after, folder, layer, scan['spec'], scan['z']
         )
-        if error is not None:
+        if after is not None:
             self._judged = this
             reach = self.error_range
-            picture = pictures.encode_map(scan['spec'], error, -reach, reach)
+            picture = pictures.encode_map(scan['spec'], after.error, -reach, reach)
             title = f'scan {scan["scan_id"]} after layer {layer}: measured minus wanted'
-            self.state.put_map('error', picture | {'title': title})
+            if beyond := after.share_beyond(reach):
+                title += f', {beyond:.1%} of the judged area beyond the colours'
+            places = [{'at': [p.x_mm, p.y_mm, p.z_mm], 'words': p.words()} for p in after.places]
+            self.state.put_map('error', picture | {'title': title, 'places': places})
 
     # ---- slow work
 

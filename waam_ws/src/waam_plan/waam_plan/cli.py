@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from waam_process.operating import GANTRY, MACHINES, ROBOT
 
-from . import cli_correct, cli_files, cli_program, cli_robot
+from . import cli_correct, cli_files, cli_program, cli_robot, cli_shaft
 from .settings import ALTERNATIONS, FINISHES, STRATEGIES
 
 if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
@@ -111,6 +111,7 @@ def _add_inputs(p: argparse.ArgumentParser) -> None:
         help='mesh (STL, PLY, 3MF, OBJ, OFF), cloud (PCD, PLY, XYZ, NPY) or a program (G-code) to look at and to check',
     )
     cli_program.add_program(p)
+    cli_shaft.add_shaft(p)
     p.add_argument(
         '--mode', choices=('build', 'restore'), help='default: restore with --as-found, else build'
     )
@@ -239,6 +240,8 @@ def _forecast(args: argparse.Namespace) -> str:
     from waam_plan.mesh.clouds import is_cloud
 
     worn = args.as_found
+    if args.shaft:
+        return cli_shaft.laboratory(args)
     alone = is_cloud(args.part) or args.zone or (worn is not None and worn.suffix == '.npz')
     if alone or cli_program.is_program(args):
         return ''
@@ -297,6 +300,8 @@ def make_plan(args: argparse.Namespace) -> Plan:
     cli_robot.check_arm(args)
     if settings.tilt_deg:
         cli_robot.check_tilt(args, settings)
+    if settings.unrolled:
+        return cli_shaft.plan(args, settings)
     if cli_program.is_program(args):
         return cli_program.program_plan(args, settings)
     if is_cloud(args.part):
@@ -316,6 +321,8 @@ def make_plan(args: argparse.Namespace) -> Plan:
     )
     for line in part.report.lines():
         print(line)
+    if told := cli_shaft.lying(part, args):
+        print(f'warning: {told}')
     if mode == 'build':
         part = part.tilted(settings.tilt_deg)
         return plan_build(part, settings, args.layers)
@@ -374,7 +381,7 @@ def settings_from(args: argparse.Namespace) -> PlanSettings:
         for k in ('direction', 'alternation', 'strategy', 'levels', 'finish')
         if getattr(args, k)
     }
-    given |= assigned(args.set)
+    given |= cli_shaft.settings_of(args) | assigned(args.set)
     usual = {'bead_width': bead_width(PlanSettings.bead_width, str(given.get('finish', '')))}
     settings = PlanSettings(**cli_robot.box(args) | _of_cell(args) | usual | given)
     if args.machine == GANTRY and 'machine_max' not in given:

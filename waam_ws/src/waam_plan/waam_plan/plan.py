@@ -83,6 +83,15 @@ class PlannedLayer:
         return sum(AREA_FACTOR * s.width * s.height * s.length for s in self.deposits)
 
 
+def metal_of(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> float:
+    """Metal (m3) that a layer is planned to have, with what lies over the sides; of a shaft, that of one turn on it."""
+    planned, shaft = layer.planned, settings.unrolled
+    if shaft:
+        middle = np.nan_to_num(layer.target_after) - planned / 2
+        planned = (planned * shaft.share(middle))[:, shaft.first_turn(spec)]
+    return float(planned.sum() * spec.resolution**2 + layer.beside)
+
+
 def base_feed(segment: Segment, settings: PlanSettings) -> float:
     """Wire feed speed (m/s) of a segment by eq 2.17, from the programmed speed."""
     return float(wire_feed(segment.width, segment.height, segment.speed_programmed, settings))

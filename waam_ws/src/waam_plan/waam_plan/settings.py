@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from waam_process.unrolled import THINNEST, Unrolled
+
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]
 
@@ -163,6 +165,9 @@ class PlanSettings:
     tilt_deg: float = within(0.0, -100.0, 100.0)
     # the tilted part is held by a clamp over level ground at the work zero, not on the faceplate
     clamp: bool = False
+    # nominal diameter of a shaft that turns in place of the X axis (waam_process.unrolled); 0 = the part lies still
+    shaft_diameter: float = within(0.0, 0.0, 0.5)
+    shaft_ends: float = within(0.0, 0.0, 0.5)  # of the shaft that are unworn at each end
 
     def __post_init__(self) -> None:
         wrong = [p for f in fields(self) if (p := _problem(f.name, getattr(self, f.name)))]
@@ -179,10 +184,38 @@ class PlanSettings:
             wrong.append(f'scanner_range {self.scanner_range} must be (lowest, highest)')
         if self.clamp and not self.tilt_deg:
             wrong.append('clamp belongs to a tilt (tilt_deg)')
+        wrong += self._of_shaft()
         for low, high, axis in zip(self.machine_min, self.machine_max, 'xyz', strict=True):
             if low >= high:
                 wrong.append(f'machine_min {axis} is {low:g}, not below machine_max {high:g}')
         return wrong
+
+    def _of_shaft(self) -> list[str]:
+        """What does not go together with a shaft, or only with one."""
+        if not self.shaft_diameter:
+            return ['shaft_ends belongs to a shaft (shaft_diameter)'] if self.shaft_ends else []
+        wrong = []
+        if self.shaft_diameter < THINNEST:
+            wrong.append(
+                f'shaft_diameter is {self.shaft_diameter:g}, thinner than {THINNEST:g} m is not planned'
+            )
+        fixed = {
+            'strategy': ('solid', 'zigzag'), 'direction': ('auto', 'y'), 'alternation': ('none', 'reverse'),
+            'tilt_deg': (0,), 'stagger': (False,),
+        }  # fmt: skip
+        for name, known in fixed.items():
+            if (value := getattr(self, name)) not in known:
+                wrong.append(
+                    f'{name} is {value}: a shaft is laid in lines along its axis, nothing else is built'
+                )
+        return wrong + [
+            f'{name}: only a build knows this, a shaft is restored' for name in self.of_builds()
+        ]
+
+    @property
+    def unrolled(self) -> Unrolled | None:
+        """The shaft; None for a part that lies still."""
+        return Unrolled(self.shaft_diameter) if self.shaft_diameter else None
 
     def of_builds(self) -> list[str]:
         """Fields that are set and that only a build knows."""

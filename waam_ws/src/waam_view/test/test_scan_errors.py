@@ -14,9 +14,10 @@ from waam_node import job_folder
 from waam_process.grid import GridSpec
 from waam_view.conversions import map_data
 from waam_view.drawing import Drawing
-from waam_view.job_data import error_after
+from waam_view.job_data import load_scan
 from waam_view.ros_playback import Playback
 from waam_view.scene import MapData, Scene
+from waam_view.worst_places import LayerError, error_after
 
 sys.path.insert(0, str(Path(__file__).parent))
 from synthetic_cell import Cell  # noqa: E402
@@ -41,8 +42,8 @@ class Drawn(Scene):
     def height_map(self, data: MapData) -> None:
         pass
 
-    def error_map(self, data: MapData, error: np.ndarray) -> None:
-        self.errors.append((data, error))
+    def error_map(self, data: MapData, after: LayerError) -> None:
+        self.errors.append((data, after.error))
 
 
 class Tape:
@@ -128,3 +129,26 @@ def test_a_scan_on_another_grid_is_not_judged(job):
     spec = GridSpec(0.0, 0.0, 1e-3, 5, 6)
     assert error_after(job, 1, spec, np.zeros(spec.shape)) is None
     assert error_after(job, 9, spec, np.zeros(spec.shape)) is None
+
+
+def test_after_a_layer_the_worst_places_are_named_with_what_led_there(job):
+    stored = [load_scan(job / job_folder.map_after(n), []) for n in (1, 2)]
+    last = stored[-1]
+    spec = GridSpec(*last.origin, last.resolution, *last.z.shape)
+    row, col = (int(i[len(i) // 2]) for i in np.nonzero(last.interior))
+    z = last.maps['target'].copy()
+    z[row, col] += 0.9e-3
+    after = error_after(job, 2, spec, z)
+    worst = after.places[0]
+    at = (
+        spec.origin_x + (col + 0.5) * spec.resolution,
+        spec.origin_y + (row + 0.5) * spec.resolution,
+    )
+    assert (worst.x_mm, worst.y_mm) == pytest.approx([v * 1e3 for v in at])
+    assert worst.value_mm == pytest.approx(0.9) and len(worst.errors_mm) == 3
+    assert f'+0.90 mm at x {worst.x_mm:.1f}' in worst.words() and 'scans before' in worst.words()
+    assert after.share_beyond(0.6e-3) == pytest.approx(1 / last.interior.sum())
+    assert after.share_beyond(1e-3) == 0.0
+    z[:] = np.nan
+    blind = error_after(job, 2, spec, z)
+    assert blind.places == [] and blind.share_beyond(0.6e-3) == 0.0

@@ -8,6 +8,7 @@ import rerun.blueprint as rrb
 TIMELINE, LAYERS = 'ros_time', 'layer'
 SURFACE, PLAN, PATH, TORCH = 'part/surface', 'part/plan', 'part/path', 'part/torch'
 ERROR, PSI, CONFIDENCE = 'maps/error', 'maps/psi', 'maps/confidence'
+ERROR_PLACES, PLACES = 'maps/error/places', 'part/places'
 CURRENT, VOLTAGE, FEED, TRAVEL = 'arc/current', 'arc/voltage', 'feed/wire', 'feed/travel'
 TEMPERATURE, LIMIT, HEAT_FACTOR = 'heat/temperature', 'heat/limit', 'heat/factor'
 MACHINE, JOB, LAYER, RMS = 'state/machine', 'state/job', 'state/layer', 'quality/rms'

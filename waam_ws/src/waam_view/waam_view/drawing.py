@@ -9,16 +9,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import rerun as rr
 
 from waam_node import job_folder
 
 from . import blueprint as bp
-from .job_data import error_after
 from .mailbox import Mailbox
 from .scene import MapData, Sample, Scene
 from .web_viewer import WebViewer
+from .worst_places import LayerError, error_after
 
 BATCH_S = 0.2  # telemetry is drawn in batches of this much wall time
 AFTER_JOB_S = 2.0  # what arrives this long after the end of a job still goes into its file
@@ -140,13 +139,13 @@ class Drawing:
         """Errors of scans whose target is in the job's folder by now; a half-written file is tried again."""
         waiting, self._expected = self._expected[-KEEP_EXPECTED:], []
         for layer, measured in waiting:
-            error = self._error(layer, measured)
-            if error is None:
+            after = self._error(layer, measured)
+            if after is None:
                 self._expected.append((layer, measured))
             else:
-                scene.error_map(measured, error)
+                scene.error_map(measured, after)
 
-    def _error(self, layer: int, measured: MapData) -> np.ndarray | None:
+    def _error(self, layer: int, measured: MapData) -> LayerError | None:
         if self._folder is None:
             return None
         return error_after(self._folder, layer, measured.spec, measured.z)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from waam_node import job_folder
-from waam_process.grid import GridSpec
-from waam_process.safe_files import FileError, Missing, is_file, read_mapping, read_npz
+from waam_process.safe_files import FileError, Missing, read_mapping, read_npz
 
 
 class JobError(ValueError):
@@ -125,7 +124,7 @@ def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
         run=run,
         scans=scans,
         telemetry=_telemetry(place, notes),
-        asked=_asked(place, notes),
+        asked=read_asked(place, notes),
         notes=notes,
     )
 
@@ -168,26 +167,14 @@ def load_scan(file: Path, notes: list[str]) -> Scan | None:
         return None
 
 
-def error_after(folder: Path, layer: int, spec: GridSpec, z: np.ndarray) -> np.ndarray | None:
-    """The surface z (rows, cols) m on `spec`, measured after `layer`, minus the one that the job wants there, m.
-
-    None while the job has not written what it wants, or for another grid. The surface in the job's file is not used:
-    it may be that of another scan after the same layer.
-    """
-    file = Path(folder) / job_folder.map_after(layer)
-    stored = load_scan(file, []) if is_file(file) else None
-    if stored is None or GridSpec(*stored.origin, stored.resolution, *stored.z.shape) != spec:
-        return None
-    return replace(stored, maps={**stored.maps, 'z': z}).error
-
-
 def _telemetry(place: Path, notes: list[str]) -> dict[str, np.ndarray]:
     file = place / job_folder.TELEMETRY
     data = _arrays(file, notes) if os.path.lexists(file) else {}
     return data if 't' in data and len(data['t']) else {}
 
 
-def _asked(place: Path, notes: list[str]) -> dict[str, Any]:
+def read_asked(place: Path, notes: list[str]) -> dict[str, Any]:
+    """job.yaml of a run: what it was asked for; empty, with a reason in `notes`, when it cannot be read."""
     file = place / job_folder.JOB
     try:
         return read_mapping(file)

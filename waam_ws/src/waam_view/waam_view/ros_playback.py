@@ -11,9 +11,9 @@ from waam_node import job_folder
 from waam_record.salvage import messages
 
 from . import conversions as cv
-from .job_data import error_after
 from .scene import Sample, Scene
 from .viewer import ViewError
+from .worst_places import error_after
 
 BATCH = 50
 ERROR_RANGE = 0.6e-3  # m
@@ -40,9 +40,9 @@ class Playback:
             self._drawing.of(topic, msg)(self.scene)
             if topic == 'height_map' and self.folder is not None:
                 measured = cv.map_data(msg)
-                error = error_after(self.folder, msg.layer, measured.spec, measured.z)
-                if error is not None:
-                    self.scene.error_map(measured, error)
+                after = error_after(self.folder, msg.layer, measured.spec, measured.z)
+                if after is not None:
+                    self.scene.error_map(measured, after)
             self.drawn += 1
 
     def flush(self) -> None:

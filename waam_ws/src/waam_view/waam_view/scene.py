@@ -17,11 +17,13 @@ from waam_process.names import controller_state
 from . import blueprint as bp
 from .recordings import APPLICATION, end, release, send_layout
 from .surface import LayerPath, colours, mesh, picture
+from .worst_places import LayerError
 
 LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
 # What goes into a file together: the library keeps some kB of every chunk in memory until it is closed.
 FILE_TICK, FILE_BYTES = timedelta(seconds=5), 8 << 20  # rows of an entity
 FILE_SAMPLES = 600  # telemetry frames
+MARK = (255, 0, 255)  # of the worst places: no colour of a map
 PIECE = 300  # points of the executed path in one entity: what is drawn again with every batch stays small
 
 
@@ -202,14 +204,37 @@ class Scene:
         low, high = np.nanpercentile(data.z, [1, 99]) if np.isfinite(data.z).any() else (0.0, 1.0)
         self._draw_surface(data, colours(data.z, low, high, diverging=False))
 
-    def error_map(self, data: MapData, error: np.ndarray) -> None:
-        """error (rows, cols) m, NaN where nothing is wanted: as a map, and as colour of the surface."""
-        reach = self.error_range
+    def error_map(self, data: MapData, after: LayerError) -> None:
+        """The error as a map and as colour of the surface, the worst places on both and in the log."""
+        reach, error = self.error_range, after.error
         self.log(data.t, bp.ERROR, rr.Image(picture(error, -reach, reach)))
         low, high = np.nanpercentile(data.z, [1, 99]) if np.isfinite(data.z).any() else (0.0, 1.0)
         judged = np.isfinite(error)[..., None]
         by_height = colours(data.z, low, high, diverging=False)
         self._draw_surface(data, np.where(judged, colours(error, -reach, reach), by_height))
+        self._draw_places(data, after)
+
+    def _draw_places(self, data: MapData, after: LayerError) -> None:
+        """Points with their error; the log has the worst one in words."""
+        spec, places = data.spec, after.places
+        if not places:
+            return
+        labels = [f'{k}: {p.value_mm:+.2f} mm' for k, p in enumerate(places, 1)]
+        at = np.array([(p.x_mm, p.y_mm, p.z_mm) for p in places]) * 1e-3
+        pixels = (at[:, :2] - (spec.origin_x, spec.origin_y)) / spec.resolution
+        pixels[:, 1] = spec.rows - pixels[:, 1]  # y up
+        marks = {'colors': [MARK], 'labels': labels, 'show_labels': True}
+        self.log(
+            data.t, bp.ERROR_PLACES, rr.Points2D(pixels, radii=rr.Radius.ui_points(5), **marks)
+        )
+        self.log(data.t, bp.PLACES, rr.Points3D(at, radii=rr.Radius.ui_points(5), **marks))
+        beyond = after.share_beyond(self.error_range)
+        more = (
+            f'; {beyond:.0%} of the judged area is beyond ±{self.error_range * 1e3:g} mm'
+            if beyond
+            else ''
+        )
+        self.text(data.t, 0, f'worst place: {places[0].words()}{more}')
 
     def _draw_surface(self, data: MapData, rgb: np.ndarray) -> None:
         m = mesh(data.spec, data.z, rgb)

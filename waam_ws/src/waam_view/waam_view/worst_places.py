@@ -1,19 +1,24 @@
-"""The worst places of a finished part, and what the recorded data shows as their cause. Arrays in, plain values out."""
+"""The worst places of a part, finished or in work, and what the recorded data shows as their cause."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from waam_node import job_folder
+from waam_process.grid import GridSpec
 from waam_process.loop_mode import LoopMode
+from waam_process.safe_files import is_file
 
 from .beads import arc_ends
-from .job_data import Job, Scan, find_value, interpass_limit, number
+from .job_data import Job, Scan, find_value, interpass_limit, load_scan, number, read_asked
 
 COUNT = 3
+LAYERS_BACK = 5  # of a running job, that are looked at for what led to a place
 BEAD_WIDTH = 6e-3  # m, of a job that does not say its own
 SHARE = 0.3  # of the error that a cause must account for to be named
 LEAST = 0.05e-3  # m, below which a difference of two scans says nothing
@@ -29,9 +34,59 @@ class Place:
 
     x_mm: float
     y_mm: float
+    z_mm: float  # measured there
     value_mm: float
     errors_mm: list[float]
     causes: list[str]
+
+    def words(self) -> str:
+        """Where, how much, since when and why, in one line."""
+        before = [f'{e:+.2f}' for e in self.errors_mm[:-1] if math.isfinite(e)]
+        said = f'{self.value_mm:+.2f} mm at x {self.x_mm:.1f}, y {self.y_mm:.1f} mm'
+        if before:
+            said += f' (after the scans before: {", ".join(before)})'
+        return f'{said}: {"; ".join(self.causes) or "cause not known"}'
+
+
+@dataclass(frozen=True)
+class LayerError:
+    """What is wrong after a layer of a running job."""
+
+    error: (
+        np.ndarray
+    )  # (rows, cols) m, surface minus the one wanted after the layer; NaN where one is unknown
+    judged: np.ndarray  # bool (rows, cols), what counts for the tolerance
+    places: list[Place]
+
+    def share_beyond(self, reach: float) -> float:
+        """0..1 of the judged cells: error beyond +-reach, m. 0 when none is known."""
+        known = self.error[self.judged & np.isfinite(self.error)]
+        return float((np.abs(known) > reach).mean()) if known.size else 0.0
+
+
+def error_after(folder: Path, layer: int, spec: GridSpec, z: np.ndarray) -> LayerError | None:
+    """The surface z (rows, cols) m on `spec`, measured after `layer`, against the one that the job wants there.
+
+    None while the job has not written what it wants, or for another grid. The surface in the job's file is not used:
+    it may be that of another scan after the same layer.
+    """
+    scans = [
+        scan
+        for n in range(max(0, layer - LAYERS_BACK), layer + 1)
+        if is_file(file := Path(folder) / job_folder.map_after(n)) and (scan := load_scan(file, []))
+    ]
+    if not scans or scans[-1].layer != layer:
+        return None
+    last = scans[-1]
+    if GridSpec(*last.origin, last.resolution, *last.z.shape) != spec:
+        return None
+    scans[-1] = last = replace(last, maps={**last.maps, 'z': z})
+    asked = read_asked(Path(folder), [])
+    mode = str(find_value(asked, 'loop_mode') or LoopMode.CLOSED_LOOP.value)
+    job = Job(Path(folder), mode, report={}, run={}, scans=scans, asked=asked)
+    return LayerError(
+        last.error, last.interior, _places(job, np.where(last.interior, last.error, np.nan), 0)
+    )
 
 
 def is_machined(job: Job) -> bool:
@@ -54,10 +109,17 @@ def worst_places(job: Job) -> list[Place]:
     if not job.scans:
         return []
     last, machined = job.scans[-1], is_machined(job)
-    value = np.where(
-        last.maps['needed'].astype(bool) if machined else last.interior, last.final_error, np.nan
-    )
-    badness = -value if machined else np.abs(value)
+    if machined:
+        return _places(
+            job, np.where(last.maps['needed'].astype(bool), last.final_error, np.nan), -1
+        )
+    return _places(job, np.where(last.interior, last.final_error, np.nan), 0)
+
+
+def _places(job: Job, value: np.ndarray, sign: int) -> list[Place]:
+    """The worst of value, (rows, cols) m: what is low for sign -1, high for 1, both for 0. NaN does not count."""
+    last = job.scans[-1]
+    badness = sign * value if sign else np.abs(value)
     rows, cols = np.mgrid[: value.shape[0], : value.shape[1]]
     apart = 2 * bead_width(job) / last.resolution
     found: list[Place] = []
@@ -76,7 +138,9 @@ def _place(job: Job, row: int, col: int, value: float) -> Place:
     at = (x + (col + 0.5) * d, y + (row + 0.5) * d)
     errors = [_mean(s.error, around) * 1e3 for s in same]
     causes = _causes(job, same, around, at, value)
-    return Place(at[0] * 1e3, at[1] * 1e3, value * 1e3, errors, causes)
+    return Place(
+        at[0] * 1e3, at[1] * 1e3, float(last.z[row, col]) * 1e3, value * 1e3, errors, causes
+    )
 
 
 def _disc(scan: Scan, row: int, col: int, radius: float) -> np.ndarray:

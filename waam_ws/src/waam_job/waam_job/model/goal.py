@@ -21,9 +21,11 @@ from waam_plan.import_gcode.words import ProgramError
 from waam_plan.mesh.part import Part, PartError, load_part
 from waam_plan.mesh.placed import TABLE_CELL, TABLE_MARGIN, Table, on_table
 from waam_plan.settings import STRATEGIES, PlanSettings, SettingsError, assigned
+from waam_plan.shaft import surfaces
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.materials import Material, MaterialError, get
 from waam_process.segment import Point
+from waam_process.unrolled import ShaftError, Unrolled
 
 from .limits import K_GAIN_MAX
 
@@ -62,6 +64,10 @@ class JobError(RuntimeError):
 
 
 MODES = ('restore', 'build')
+NO_CHUCK = (
+    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, which only the gantry of the laboratory has '
+    '(waam lab --shaft); jobs of a real cell, of the graph and of a robot are not built for it, and would lay it flat'
+)
 # planner settings that have a field of their own in the goal, or that follow from machine and map
 GIVEN = {
     'layer_height',
@@ -239,9 +245,16 @@ class Checked:
     def on_table(self, worn: Path, cell: float = TABLE_CELL, margin: float = TABLE_MARGIN) -> Table:
         """The worn part of a restoration as it lies in a simulated cell (`waam_plan.mesh.placed`), its file in the
         coordinates and units of the nominal part. ValueError where the two do not fit each other."""
+        if shaft := self.shaft:
+            return Table(surfaces.table_of(worn, self.goal.scale, shaft, cell, margin))
         settings = PlanSettings(**planner_fields(self.goal, self.material))
         placed = self.offset if self.program is not None else None
         return on_table(self.in_file, worn, self.goal.scale, settings, cell, margin, placed)
+
+    @property
+    def shaft(self) -> Unrolled | None:
+        """The shaft that turns in place of the X axis; None for a part that lies still."""
+        return PlanSettings(**planner_fields(self.goal, self.material)).unrolled
 
     @property
     def bounds(self) -> np.ndarray:
@@ -252,15 +265,30 @@ class Checked:
         return self.part.bounds - self.part.bounds[0]
 
 
-def check(goal: JobGoal) -> Checked:
-    """Reads part, program and material. Raises JobError that names everything that is wrong."""
+def check(goal: JobGoal, chuck: bool = False) -> Checked:
+    """Reads part, program and material. Raises JobError that names everything that is wrong.
+
+    chuck: whether the cell turns a shaft in place of its X axis; without it a shaft is refused, for it would be laid
+    flat.
+    """
     problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
+    shaft = None
+    try:
+        shaft = _shaft(goal)
+    except ShaftError as e:
+        problems.append((Code.BAD_GOAL, str(e)))
+    if shaft and not chuck:
+        problems.append((Code.BAD_GOAL, NO_CHUCK))
+    if shaft and (goal.mode == 'build' or goal.program):
+        problems.append((Code.BAD_GOAL, 'shaft_diameter belongs to a shaft that is restored'))
     part = program = material = None
     try:
-        if goal.has_part:
+        if goal.has_part and shaft:
+            part = surfaces.part_of(goal.part, goal.scale, shaft)
+        elif goal.has_part:
             closed = goal.mode == 'build' and goal.strategy != 'shell' and goal.program is None
             part = load_part(goal.part, goal.scale, closed, goal.repair, look_for_crossings=True)
-    except PartError as e:
+    except (PartError, ShaftError) as e:
         problems.append((Code.BAD_PART, str(e)))
     try:
         material = get(goal.material)
@@ -280,6 +308,16 @@ def check(goal: JobGoal) -> Checked:
     if part is not None:
         part = part.tilted(PlanSettings(**planner_fields(goal, material)).tilt_deg)
     return _placed(Checked(goal, part, material, program, in_file=in_file))
+
+
+def _shaft(goal: JobGoal) -> Unrolled | None:
+    """The shaft that the settings of the planner name; None for a part that lies still, and where they are wrong."""
+    try:
+        own = assigned(goal.plan_settings, GIVEN)
+    except SettingsError:  # told by `field_problems`
+        return None
+    diameter = own.get('shaft_diameter', 0.0)
+    return Unrolled(diameter) if isinstance(diameter, float) and diameter else None
 
 
 def _program(goal: JobGoal) -> Program | None:

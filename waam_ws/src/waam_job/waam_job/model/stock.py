@@ -61,6 +61,12 @@ def needed_area(plan: Plan) -> np.ndarray:
     return finish.needed_area(plan.as_found, plan.nominal)
 
 
+def counted_area(plan: Plan) -> np.ndarray:
+    """The same, each place once: of a shaft that of one turn."""
+    needed, shaft = needed_area(plan), plan.settings.unrolled
+    return needed & shaft.first_turn(plan.spec) if shaft else needed
+
+
 def low_places(plan: Plan, z: np.ndarray) -> np.ndarray:
     """bool (rows, cols): needed and lower than TOP_UP_BELOW above nominal. z: (rows, cols) m, of the last scan; plan:
     that of the first pass. What was not seen counts as low."""
@@ -69,7 +75,7 @@ def low_places(plan: Plan, z: np.ndarray) -> np.ndarray:
 
 def stock_of(plan: Plan, z: np.ndarray) -> Stock:
     """z: (rows, cols) m, the surface after the last layer; plan: that of the first pass."""
-    needed, over = needed_area(plan), z - plan.nominal.z
+    needed, over = counted_area(plan), z - plan.nominal.z
     share = float((over[needed] >= 0).mean()) if needed.any() else 1.0
     low = np.where(needed & np.isfinite(over), over, np.inf)
     row, col = np.unravel_index(int(np.argmin(low)), low.shape)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_plan.plan import PlannedLayer, renumber
+from waam_plan.shaft.lines import arc_paths, segments_with_copies
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
@@ -149,7 +150,7 @@ class LayerCycle:
             temperature=heat.temperature,
             k_gain=self.journal.status.k_gain,
             direction=layer.direction[:2],
-            beads=tuple(layer.arc_paths),
+            beads=arc_paths(layer, self.program.current.settings),
             heat_factor=heat.factor,
             learned=self.learning.text,
             ratio_high=self.program.current.ratio_high,
@@ -167,7 +168,7 @@ class LayerCycle:
                     layer.planned,
                     plan.settings.bead_width,
                     layer.direction[:2],
-                    tuple(layer.arc_paths),
+                    arc_paths(layer, plan.settings),
                 )
                 self.cell.next_layer(self.run_id, coming)
 
@@ -184,7 +185,7 @@ class LayerCycle:
         self.journal.model(correction.model_hash, layer.number)
         record.add_correction(correction, layer.planned > 0, self.loop_mode == LoopMode.CLOSED_LOOP)
         if correction.fallback:
-            removed = not correction.psi.any()
+            removed = not correction.confidence.any()  # psi alone is 0 on a level surface, too
             reaction = 'correction removed' if removed else 'corrected without the network'
             self.journal.note('WARNING', 'correction', '; '.join(correction.reasons), reaction)
         return correction
@@ -233,7 +234,10 @@ class LayerCycle:
             return np.where(layer.planned > 0, layer.planned, 0.0)
         c = correction
         asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
-        return driven_growth(asked, layer.planned, self.program.current.spec, segments)
+        plan = self.program.current
+        return driven_growth(
+            asked, layer.planned, plan.spec, segments_with_copies(segments, plan.settings)
+        )
 
     def _deposit(self, work: SetLayer, *observers: LayerObserver) -> None:
         layer, record, segments = work.layer, work.record, work.segments

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from waam_plan.layers.restore import plan_restoration, plan_top_up
 from waam_plan.mesh.surface import top_surface
 from waam_plan.plan import Plan, PlannedLayer
 from waam_plan.settings import PlanSettings
+from waam_plan.shaft.surfaces import nominal_of
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.loop_mode import LoopMode
 
@@ -52,12 +54,18 @@ def make_plan(
         assert part is not None  # a job without a program has one
         if goal.mode == 'build':
             return plan_build(part, settings, goal.layers, found.spec)
-        nominal = top_surface(part.mesh, found.spec, checked.offset)
+        told: list[str] = []
+        if settings.unrolled:
+            nominal, run_out = nominal_of(part, found, settings)
+            told = [run_out.text]
+        else:
+            nominal = top_surface(part.mesh, found.spec, checked.offset)
         check(found, nominal, settings, bottom=0.0)
         if low is not None:
             return plan_top_up(found, nominal, settings, low, laid, below)
         wanted = max(1, goal.layers - laid) if goal.layers else 0
-        return plan_restoration(found, nominal, settings, wanted, laid, below)
+        plan = plan_restoration(found, nominal, settings, wanted, laid, below)
+        return replace(plan, remarks=[*told, *plan.remarks])
     except ValueError as e:
         raise JobError(Code.PLAN_FAILED, str(e)) from None
 

@@ -11,7 +11,7 @@ from ..model.cell import Scan
 from ..model.overrun import overrun
 from ..model.program import deviation_of
 from ..model.records import LayerRecord
-from ..model.stock import needed_area, stock_of
+from ..model.stock import counted_area, stock_of
 from ..model.verdict import Verdict
 from ..store import stock_files, tolerance_map
 from .context import JobContext
@@ -57,7 +57,7 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
 
 def _unlaid(first: Plan) -> finish.Unlaid:
     missing = first.nominal.z - first.as_found.z
-    return finish.unlaid(needed_area(first), first.region, missing, first.spec)
+    return finish.unlaid(counted_area(first), first.region, missing, first.spec)
 
 
 def _report_last_layer(

@@ -57,7 +57,27 @@ export function show(name) {
   note();
 }
 
+// Where the error is largest: a numbered list under the map, the same numbers on it.
+function listPlaces() {
+  const places = shown === 'error' && maps.error ? maps.error.places : [];
+  const list = $('map-places'), items = places.map((p) => Object.assign(document.createElement('li'), { textContent: p.words }));
+  list.hidden = !items.length;
+  list.replaceChildren(...items);
+}
+
+function drawPlaces(g, to) {
+  (maps.error ? maps.error.places : []).forEach((p, i) => {
+    const [x, y] = to(...p.at);
+    g.beginPath(); g.arc(x, y, 10, 0, 7); g.fillStyle = '#fff'; g.fill();
+    g.lineWidth = 2; g.strokeStyle = '#b0009b'; g.stroke();
+    g.fillStyle = '#b0009b'; g.font = 'bold 13px system-ui, sans-serif'; g.textAlign = 'center';
+    g.fillText(i + 1, x, y + 5);
+    g.textAlign = 'start';
+  });
+}
+
 function note() {
+  listPlaces();
   const map = maps[shown];
   if (shown === 'viewer') text('map-note', 'the same viewer as `waam view`; turn with the mouse');
   else if (shown === 'path') text('map-note', map ? `layer ${map.layer}: solid = arc on, dashed = idle, red = torch; drag to turn` : 'no path yet');
@@ -77,6 +97,7 @@ export function draw() {
   g.drawImage(map.picture, left, bottom - scale * map.rows * map.cell, scale * map.cols * map.cell, scale * map.rows * map.cell);
   map.at = (px, py) => [Math.floor((bottom - py) / scale / map.cell), Math.floor((px - left) / scale / map.cell)];
   drawPath(g, (x, y) => [place.x(x), place.y(y)], 1);
+  if (shown === 'error') drawPlaces(g, (x, y) => [place.x(x), place.y(y)]);
   drawBar(g, map, w, h);
 }
 

@@ -15,6 +15,7 @@ from waam_plan.layers.allocate import edge_surplus, metal_heights
 from waam_plan.layers.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
+from waam_plan.shaft import lines
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Point
 
@@ -59,20 +60,27 @@ def lay(
     starts: (n, 2) m, arc starts of the layer below, which those of this one keep away from.
     """
     spread = spread_starts(chains, starts, settings.start_spread)
-    pieces = path.lay_out(spread, HeightGrid(spec, task.ground), settings)
-    if task.inside is not None:
+    shaft = settings.unrolled
+    beside = lines.with_copies(spread, shaft) if shaft else spread
+    pieces = path.lay_out(beside, HeightGrid(spec, task.ground), settings)
+    if task.inside is not None and not shaft:
         pieces = keep_inside(pieces, task.inside)
     cover = task.footprint if task.cover is None else task.cover
     wanted = masks.spread(task.planned, task.footprint, cover)
     height = metal_heights(pieces, wanted, cover, spec, settings, task.thickest)
     ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
-    aside = (wanted.sum() - task.planned.sum()) * spec.resolution**2
+    planned = task.planned
+    if shaft:
+        pieces, height = lines.own(pieces, height, len(spread))
+        wanted, planned = (m[:, shaft.first_turn(spec)] for m in (wanted, planned))
+    aside = (wanted.sum() - planned.sum()) * spec.resolution**2
+    segments = to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower)
     return PlannedLayer(
         number=task.number,
         planned=task.planned,
         target_before=task.before,
         target_after=task.after,
-        segments=to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower),
+        segments=lines.on_shaft(segments, shaft) if shaft else segments,
         direction=bead_direction(task.footprint, settings, task.turn),
         footprint=task.footprint,
         beside=float(aside + edge_surplus(pieces, height, cover, spec, settings)),

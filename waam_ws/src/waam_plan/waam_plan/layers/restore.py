@@ -20,8 +20,17 @@ from waam_plan.layers import sides
 from waam_plan.layers.layer import LayerTask, lay
 from waam_plan.layers.layout import best, most_even
 from waam_plan.layers.schedule import Schedule, choose_schedule, finish_height, layer_count
-from waam_plan.plan import Plan, PlanError, PlannedLayer, check_reach, collector_paused, highest
+from waam_plan.plan import (
+    Plan,
+    PlanError,
+    PlannedLayer,
+    check_reach,
+    collector_paused,
+    highest,
+    metal_of,
+)
 from waam_plan.settings import JUDGED_RIM, PlanSettings
+from waam_plan.shaft import lines
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
@@ -56,11 +65,14 @@ def plan_restoration(
     found = _known_surface(as_found, nominal, settings, warnings)
     smooth = _smooth(found, nominal, settings)
     needed = finish.needed_area(as_found, nominal)
-    settings, above, remarks = _finished(needed, nominal, settings)
+    counted = needed
+    if settings.unrolled:  # each place of a shaft once
+        counted = needed & settings.unrolled.first_turn(nominal.spec)
+    settings, above, remarks = _finished(counted, nominal, settings)
     wanted = nominal.z + above
     depth = wanted - smooth
     if settings.finish == finish.MACHINED:
-        aside = finish.edges(needed, nominal).warning
+        aside = finish.edges(counted, nominal).warning
         warnings += [aside] if aside else []
         near = _with_run_out(needed, nominal, settings, finish.RUN_OUT_WIDTHS)
         depth = np.where(near | np.isnan(depth), depth, 0.0)
@@ -72,7 +84,7 @@ def plan_restoration(
     planned, filled = _layers(job, total, use, below)
     _warn(job, planned, use == total, nominal, warnings)
     plan = _plan(job, planned, as_found, nominal, below, warnings)
-    left = finish.unlaid(needed, plan.region, nominal.z - found, nominal.spec)
+    left = finish.unlaid(counted, plan.region, nominal.z - found, nominal.spec)
     if left.area:
         warnings.append(left.text)
     plan.remarks.extend([*_remarks(job.schedule, filled, settings), *remarks])
@@ -120,6 +132,9 @@ def _plan(
     """The plan of these layers; `warnings` is kept and added to. PlanError when the machine cannot reach."""
     settings, res = job.settings, job.spec.resolution
     region = np.any([p.footprint for p in planned], axis=0) if planned else job.count > 0
+    counted = np.ones(region.shape, bool)
+    if settings.unrolled:  # each place of a shaft counts once
+        counted &= settings.unrolled.first_turn(job.spec)
     starts = [_starts(below), *(arc_starts(p.segments) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
     judged = masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
@@ -128,8 +143,8 @@ def _plan(
         job.spec,
         as_found,
         nominal,
-        region,
-        judged & ~masks.flanks(job.wanted, res),
+        region & counted,
+        judged & ~masks.flanks(job.wanted, res) & counted,
         planned,
         job.safe_z,
         settings,
@@ -315,6 +330,10 @@ def _laid(
     settings: PlanSettings,
 ) -> PlannedLayer:
     """The layer, filled as the settings say; `below` as of `_layer`."""
+    if settings.unrolled:
+        chains = lines.chains_of(cover.mask, spec, settings, task.turn)
+        along = _with_edges(lines.along_axis(settings), cover)
+        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=along)
     settings = _with_edges(settings, cover)
     beyond = (cover.mask & ~task.footprint).any()
     within = sides.settings_within(settings) if beyond else settings
@@ -326,7 +345,7 @@ def _laid(
 
 def _fillings(settings: PlanSettings, cover: sides.Cover) -> list[PlanSettings]:
     """Settings of the strategies that a layer may be filled with."""
-    if settings.strategy != 'solid' or _narrow(settings, cover):
+    if settings.strategy != 'solid' or settings.unrolled or _narrow(settings, cover):
         return [settings]
     return [settings, replace(settings, strategy='zigzag')]
 
@@ -391,7 +410,7 @@ def _warn(
                 f'{_where(short, 0.1 * settings.layer_height, spec)}'
             )
     for layer in planned:
-        want = layer.planned.sum() * spec.resolution**2 + layer.beside
+        want = metal_of(layer, spec, settings)
         if abs(layer.volume - want) > 0.03 * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '

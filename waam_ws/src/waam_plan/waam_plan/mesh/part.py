@@ -173,6 +173,11 @@ def check_fits(part: Part, settings: PlanSettings) -> None:
 def _read(path: Path) -> bytes:
     if path.suffix.lower() not in FORMATS:
         raise PartError(f'{path}: unknown kind of file, readable are {", ".join(FORMATS)}')
+    return read_bytes(path)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The whole file. PartError where there is none, or it is empty or too large."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise PartError(f'{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify the mesh')

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from waam_plan.plan import Plan, PlannedLayer
+from waam_plan.plan import Plan, PlannedLayer, metal_of
 from waam_plan.settings import MAX_LAYER_RATIO
 
 if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
@@ -46,7 +46,7 @@ def _estimate(plan: Plan, layer: PlannedLayer) -> LayerEstimate:
     s = plan.settings
     burning = sum(segment.duration for segment in layer.segments if segment.arc)
     height = np.array([d.height for d in layer.deposits])
-    want = layer.planned.sum() * plan.spec.resolution**2 + layer.beside
+    want = metal_of(layer, plan.spec, s)
     return LayerEstimate(
         number=layer.number,
         beads=layer.beads,

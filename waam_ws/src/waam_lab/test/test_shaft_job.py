@@ -1,0 +1,120 @@
+"""Whole jobs on a shaft in the laboratory, and who refuses one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waam_job.model.goal import Code, JobError, JobGoal, check
+from waam_lab import restore_shaft, run
+from waam_lab.shaft import figures
+from waam_lab.shafts import WornShaft
+from waam_process.operating import DEFAULT_MATERIAL
+from waam_process.unrolled import Unrolled
+
+WORN = WornShaft(0.040, 0.060, 0.014, 'eccentric', 1.8e-3, run_out=(0.30e-3, -0.15e-3), turned=2.0)
+SHAFT = Unrolled(WORN.diameter)
+
+
+@pytest.fixture(scope='module')
+def scan(tmp_path_factory):
+    path = tmp_path_factory.mktemp('shaft') / 'worn.npz'
+    WORN.map().save_npz(path)
+    return path
+
+
+def job(scan, folder, **options):
+    return restore_shaft(
+        scan, WORN.diameter, WORN.ends, 3, preset='gentle', jobs_dir=folder, **options
+    )
+
+
+@pytest.fixture(scope='module')
+def closed(scan, tmp_path_factory):
+    return run(job(scan, tmp_path_factory.mktemp('jobs')))
+
+
+def test_a_worn_shaft_is_restored(closed):
+    r = closed
+    assert r.error_code == 0, r.message
+    before = np.sqrt(np.nanmean(r.maps.as_found[r.maps.interior] ** 2))
+    assert before > 0.8e-3
+    assert r.rms < 0.25e-3
+    assert abs(r.mean) < 0.1e-3
+    assert abs(r.seam_step) < 0.15e-3
+    assert 0.0 < r.roundness < 1.2e-3 and 0.0 < r.new_run_out < 0.3e-3
+    assert r.clean_diameter < WORN.diameter + 0.2e-3
+
+
+def test_the_run_out_was_found_and_taken_out(closed):
+    assert np.hypot(*np.subtract(closed.axis, WORN.run_out)) < 0.03e-3
+    assert any('run-out of the unworn ends' in str(a['text']) for a in closed.anomalies)
+
+
+def test_closed_loop_is_better_than_open_loop(closed, scan, tmp_path):
+    opened = run(job(scan, tmp_path, loop_mode='open_loop'))
+    assert opened.error_code == 0, opened.message
+    assert closed.rms < opened.rms  # line ends, which no correction reaches, are most of the error
+
+
+def test_a_machined_shaft_says_the_diameter(scan, tmp_path):
+    r = run(job(scan, tmp_path, plan_settings=('finish=machined',)))
+    assert r.error_code == 0, r.message
+    assert r.clean_share > 0.95 and 0.0 < r.stock_mean < 1.5e-3
+    assert r.clean_diameter > WORN.diameter - 0.5e-3
+
+
+def test_a_shaft_is_refused_where_nothing_turns_it(scan, tmp_path):
+    goal = job(scan, tmp_path).goal
+    with pytest.raises(JobError, match='would lay it flat') as refused:
+        check(goal)  # as the job sequencer of the graph does
+    assert refused.value.code == Code.BAD_GOAL
+    with pytest.raises(JobError, match='would lay it flat'):
+        run(job(scan, tmp_path, machine='robot'))
+
+
+def test_goals_that_do_not_go_with_a_shaft(scan, tmp_path):
+    def refused(**changed) -> str:
+        own = {'part': scan, 'material': DEFAULT_MATERIAL, 'jobs_dir': tmp_path}
+        with pytest.raises(JobError) as e:
+            check(JobGoal(**own | changed), chuck=True)
+        return str(e.value)
+
+    given = ('shaft_diameter=0.04', 'shaft_ends=0.014')
+    assert 'a shaft that is restored' in refused(mode='build', plan_settings=given)
+    assert 'one turn of 80 mm' in refused(plan_settings=('shaft_diameter=0.08', given[1]))
+    assert 'at least 30 mm' in refused(plan_settings=('shaft_diameter=0.02', given[1]))
+
+
+def test_figures_of_a_surface_that_is_known():
+    """Run-out and roundness of a drawn surface."""
+    from waam_plan.plan import Plan
+    from waam_plan.settings import PlanSettings
+    from waam_process.grid import GridSpec, HeightGrid
+
+    settings = PlanSettings(shaft_diameter=0.04, shaft_ends=0.014)
+    spec = GridSpec(0.0, 0.0, 0.5e-3, 120, round(SHAFT.length_x / 0.5e-3))
+    t, y = np.meshgrid(SHAFT.angle(spec.x), spec.y)
+    zone = (y > 0.016) & (y < 0.044)
+    level = np.full(spec.shape, SHAFT.level)
+    on = zone & SHAFT.first_turn(spec)
+    found = HeightGrid(spec, np.where(zone, level - 2e-3, level))
+    plan = Plan(spec, found, HeightGrid(spec, level), on, on, [], 0.05, settings)
+    said = figures(plan, level + 0.1e-3 * np.cos(t) + 0.05e-3 * np.cos(5 * t) + 0.3e-3)
+    assert said.new_run_out == pytest.approx(0.2e-3, rel=0.02)
+    assert said.roundness == pytest.approx(0.1e-3, rel=0.05)
+    assert said.seam_step == pytest.approx(0.0, abs=0.03e-3)
+    lowest = 0.3e-3 + (0.1e-3 * np.cos(t) + 0.05e-3 * np.cos(5 * t)).min()
+    assert said.clean_diameter == pytest.approx(0.04 + 2 * lowest, abs=0.02e-3)
+
+
+@pytest.mark.parametrize('wear', ['eccentric', 'oval', 'scored', 'tapered', 'sector'])
+def test_worn_shafts_are_worn_between_their_ends(wear):
+    worn = WornShaft(0.08, 0.1, 0.02, wear, 3e-3)
+    found = worn.map()
+    ends = (found.spec.y < 0.02) | (found.spec.y > 0.08)
+    assert np.allclose(found.z[ends], 0.0, atol=1e-12)
+    assert -3.01e-3 < found.z.min() < -2.7e-3 and found.z.max() <= 1e-12
+    assert found.spec.extent[1] == pytest.approx(math.pi * 0.08)

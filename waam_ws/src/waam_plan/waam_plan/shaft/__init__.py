@@ -1,0 +1,1 @@
+"""Shafts: what is planned of them beyond a plane, on the plate of `waam_process.unrolled`."""
