@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from waam_process.unrolled import THINNEST, Unrolled
+if TYPE_CHECKING:  # the parser of the command line reads this module, and loads no numpy
+    from waam_process.unrolled import Unrolled
 
 Triple = tuple[float, float, float]
 Pair = tuple[float, float]
@@ -194,6 +195,8 @@ class PlanSettings:
         """What does not go together with a shaft, or only with one."""
         if not self.shaft_diameter:
             return ['shaft_ends belongs to a shaft (shaft_diameter)'] if self.shaft_ends else []
+        from waam_process.unrolled import THINNEST
+
         wrong = []
         if self.shaft_diameter < THINNEST:
             wrong.append(
@@ -215,7 +218,11 @@ class PlanSettings:
     @property
     def unrolled(self) -> Unrolled | None:
         """The shaft; None for a part that lies still."""
-        return Unrolled(self.shaft_diameter) if self.shaft_diameter else None
+        if not self.shaft_diameter:
+            return None
+        from waam_process.unrolled import Unrolled
+
+        return Unrolled(self.shaft_diameter)
 
     def of_builds(self) -> list[str]:
         """Fields that are set and that only a build knows."""

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -223,7 +224,7 @@ class Scene:
         at = np.array([(p.x_mm, p.y_mm, p.z_mm) for p in places]) * 1e-3
         pixels = (at[:, :2] - (spec.origin_x, spec.origin_y)) / spec.resolution
         pixels[:, 1] = spec.rows - pixels[:, 1]  # y up
-        marks = {'colors': [MARK], 'labels': labels, 'show_labels': True}
+        marks: dict[str, Any] = {'colors': [MARK], 'labels': labels, 'show_labels': True}
         self.log(
             data.t, bp.ERROR_PLACES, rr.Points2D(pixels, radii=rr.Radius.ui_points(5), **marks)
         )
