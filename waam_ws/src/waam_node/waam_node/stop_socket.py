@@ -69,7 +69,8 @@ class Listener:
         return found
 
     def answer(self, text: str, whom: Any) -> None:
-        """Never waits; nothing when nobody waits for it."""
+        """Never waits; nothing when nobody waits for it, or while some 270 others have not read theirs (they lie in the
+        send buffer of this socket)."""
         if whom:
             with suppress(OSError):
                 data = text.encode('utf-8', 'replace')[:MAX_ANSWER_BYTES]
