@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import subprocess
 import threading
 import time
@@ -19,7 +20,7 @@ from waam_bridge import frames, program
 from waam_bridge.node_stop import StopLane
 from waam_bridge.transport import SerialTransport
 from waam_msgs.srv import Command
-from waam_node.stop_socket import HOLD, PIPE, STOP, post, read, send
+from waam_node.stop_socket import HOLD, PIPE, STOP, Listener, post, read, send
 
 
 class Owner:
@@ -96,19 +97,36 @@ def test_other_bytes_are_no_order(lane, data):
 
 def test_nobody_waits_for_one_who_never_reads_his_answer(lane):
     held = []
-    for _ in range(200):
+    for _ in range(300):
         with contextlib.suppress(BlockingIOError):
             held.append(post(lane.path, STOP))
-    until(lambda: send(lane.path, STOP) == '')  # they wait for their turn, not for a reader
+    assert send(lane.path, STOP) == ''
     assert read(held[0]) == ''
-    # from some 270 answers on that nobody has read the system takes no more: STOP acts all the same
-    held += [post(lane.path, STOP) for _ in range(400)]
-    before = len(lane.acts)
-    send(lane.path, STOP, 0.1)
-    until(lambda: len(lane.acts) > before)
     for s in held:
         s.close()
-    until(lambda: send(lane.path, STOP) == '')
+
+
+def test_a_thousand_answers_that_nobody_reads_take_nobody_elses_room(lane):
+    held = []
+    for n in range(1000):
+        held.append(post(lane.path, STOP))
+        until(lambda n=n: len(lane.acts) > n)
+        if n % 100 == 99:
+            assert send(lane.path, STOP) == ''
+            lane.acts.pop()
+    for s in held:
+        s.close()
+
+
+def test_an_order_that_finds_the_queue_full_gets_no_answer(tmp_path):
+    silent = Listener(str(tmp_path / 'stop'))  # takes nothing
+    held = [post(str(tmp_path / 'stop'), STOP) for _ in range(50)]
+    assert read(held[0]) is None and read(held[-1]) is None
+    assert 'takes nothing' in send(str(tmp_path / 'stop'), STOP, 0.1)
+    assert {order for order, _ in silent.receive()} == {STOP}
+    silent.close()
+    for s in held:
+        s.close()
 
 
 def test_a_folder_with_a_long_name_and_a_socket_that_a_killed_bridge_left(tmp_path):
@@ -143,7 +161,9 @@ def test_real_time_bytes_go_before_what_waits():
     for _ in range(40):
         port.write(sent)
     assert port._backlog, 'the pseudo-terminal is full'
+    until(lambda: not select.select([], [port._fd], [], 0.2)[1])  # and stays so: nobody reads
     assert port.write_now(frames.STOP_NOW) == ''
+    assert bytes(port._backlog[:4]) == frames.STOP_NOW
     got = b''
     end = time.monotonic() + 20
     while frames.STOP_NOW not in got:

@@ -1,8 +1,9 @@
 """The way of STOP past everything: one byte on a Unix socket in the folder of the running graph.
 
 A datagram socket: nobody can hold it open, half a message does not exist, and a sender that dies leaves nothing behind.
-Only the account of the graph may write to it (mode 0600). Whoever sends gets one answer, `OK` or the reason. Standard
-library only: `waam stop` uses it before it loads anything else.
+Only the account of the graph may write to it (mode 0600). With the order goes one end of a socket of the sender's own:
+the answer, `OK` or the reason, comes there, so that answers that nobody reads take nobody else's room. Standard library
+only: `waam stop` uses it before it loads anything else.
 
 Beside it lies a pipe for a shell, which can write a byte without starting a program: `printf S 1<>RUN/stop_now`. It
 answers nothing.
@@ -64,17 +65,17 @@ class Listener:
             if source == self._pipe:
                 found += [(bytes([b]), None) for b in dict.fromkeys(os.read(source, 4096))]
             else:
-                data, whom = self._socket.recvfrom(16)
-                found += [(data, whom)] if whom else []
+                data, ends, _, _ = socket.recv_fds(self._socket, 16, 1)
+                whom = socket.socket(fileno=ends[0]) if ends else None
+                found += [(data, whom)] if data or whom else []
         return found
 
     def answer(self, text: str, whom: Any) -> None:
-        """Never waits; nothing when nobody waits for it, or while some 270 others have not read theirs (they lie in the
-        send buffer of this socket)."""
+        """Never waits; nothing when nobody waits for it. Once per message: it closes the end that came with it."""
         if whom:
-            with suppress(OSError):
+            with suppress(OSError), whom:
                 data = text.encode('utf-8', 'replace')[:MAX_ANSWER_BYTES]
-                self._socket.sendto(data, socket.MSG_DONTWAIT, whom)
+                whom.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 
     def close(self) -> None:
         """Ends `receive` in another thread, and removes the file if it is still the own one."""
@@ -89,32 +90,33 @@ class Listener:
 def post(path: str, order: bytes) -> socket.socket:
     """Sends an order and never waits. The answer comes to the socket that is returned, which is not blocking. OSError
     when no bridge listens. Where the socket is full the order goes into the pipe, without an answer."""
-    made = _connected(path, 0.0)
     try:
-        made.send(order)
+        return _sent(path, order, 0.0)
     except BlockingIOError:
         pipe = os.open(path + PIPE, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             os.write(pipe, order)
         finally:
             os.close(pipe)
-    except BaseException:
-        made.close()
-        raise
-    return made
+        waiting, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        end.close()
+        waiting.setblocking(False)
+        return waiting
 
 
-def _connected(path: str, patience: float) -> socket.socket:
-    made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+def _sent(path: str, order: bytes, patience: float) -> socket.socket:
+    """The socket where the answer comes, with this patience (s); the order is on its way."""
+    waiting, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     try:
-        made.settimeout(patience)
-        made.bind('')  # a name that the system chooses, for the answer
-        with _short(path) as short:
-            made.connect(short)
+        waiting.settimeout(patience)
+        with end, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as way, _short(path) as short:
+            way.settimeout(patience)
+            way.connect(short)
+            socket.send_fds(way, [order], [end.fileno()])
     except BaseException:
-        made.close()
+        waiting.close()
         raise
-    return made
+    return waiting
 
 
 def reason(error: OSError) -> str:
@@ -127,9 +129,11 @@ def reason(error: OSError) -> str:
 
 
 def read(waiting: socket.socket) -> str | None:
-    """The answer that has come, '' = done; None while there is none."""
+    """The answer that has come, '' = done; None while there is none, or when none can come any more."""
     try:
         text = waiting.recv(MAX_ANSWER_BYTES).decode('utf-8', 'replace')
+        if not text:
+            return None
     except (BlockingIOError, TimeoutError):
         return None
     except OSError as e:
@@ -140,8 +144,7 @@ def read(waiting: socket.socket) -> str | None:
 def send(path: str, order: bytes, patience: float = PATIENCE_S) -> str:
     """Sends an order and waits at most `patience` s for the answer: '' = the controller has been told, else why not."""
     try:
-        with _connected(path, patience) as waiting:
-            waiting.send(order)
+        with _sent(path, order, patience) as waiting:
             answer = read(waiting)
     except OSError as e:
         return reason(e)

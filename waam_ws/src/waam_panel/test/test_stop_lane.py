@@ -3,6 +3,7 @@ ROS."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import http.client
 import os
@@ -20,7 +21,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from panel_client import FakeBridge
 
-from waam_node.stop_socket import STOP
+from waam_node.stop_socket import STOP, Listener, post
+from waam_panel import stop_lane
 from waam_panel.gate import IN_ALL
 from waam_panel.security import Denied, Guard
 from waam_panel.stop_lane import HEAD, Headers, Rules, parse
@@ -269,3 +271,12 @@ def test_any_head_is_read_or_refused(data):
     with contextlib.suppress(Denied):
         method, path, headers = parse(data)
         assert all(k == k.lower() and k for k in headers)
+
+
+def test_an_order_that_goes_by_the_pipe_is_told_as_not_answered(tmp_path):
+    silent = Listener(str(tmp_path / 'stop'))  # takes nothing
+    held = [post(str(tmp_path / 'stop'), STOP) for _ in range(50)]
+    assert asyncio.run(stop_lane.stop(str(tmp_path / 'stop'))) == 'the bridge gives no answer'
+    silent.close()
+    for s in held:
+        s.close()

@@ -179,6 +179,8 @@ async def stop(path: str) -> str:
         return stop_socket.reason(e)
     finally:
         waiting.close()
+    if not text:  # its queue was full: the order went by the pipe; or it has died
+        return 'the bridge gives no answer'
     return '' if text == stop_socket.OK else text
 
 
