@@ -40,11 +40,6 @@ typedef struct {
     char line[WAAM_LINE_MAX + 2]; /* that the host is sending */
     size_t line_length;
     bool real_time;              /* there is such a byte in it */
-    bool unsure;                 /* such a line has been sent since the last hang-up */
-    bool native;                 /* a line with a good check has been sent since the last hang-up */
-    bool marlin;                 /* the controller has said "start" to a Marlin sender */
-    bool grbl;                   /* ... or "Grbl" to a GRBL sender */
-    unsigned asked, answered;    /* lines of the GRBL sender since it said hello, and answers to them */
 } bench_t;
 
 static bench_t bench;
@@ -88,58 +83,17 @@ static void on_state(const char *line)
     REQUIRE(false, "a known state");
 }
 
-static void require_stock(void)
-{
-    REQUIRE(!bench.native || bench.unsure, "a host that has sent a checked line is not taken for a stock sender");
-}
-
-/* A GRBL sender is told no state but ALARM; it has to ask. */
-static void on_grbl_line(const char *text)
-{
-    static const char *const known[] = {"ok", "error:", "ALARM:", "<", "[", "$", "Grbl 1.1"};
-    size_t i = 0;
-    while (i < sizeof known / sizeof known[0] && strncmp(text, known[i], strlen(known[i])) != 0)
-        i++;
-    REQUIRE(i < sizeof known / sizeof known[0], "a line that such a sender knows");
-    if (i == 6) {
-        require_stock();
-        bench.grbl = true;
-    }
-    bench.answered += i < 2;
-    REQUIRE(bench.answered <= bench.asked + 1, "one answer for each line");
-    if (i == 2 && bench.core.state == WAAM_ALARM)
-        bench.announced = WAAM_ALARM;
-    REQUIRE(i != 2 || bench.core.state == WAAM_ALARM || bench.core.link.blocked, "ALARM is a lock");
-    REQUIRE(i != 3 || strstr(text, "|MPos:"), "a status has a position");
-}
-
 static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_t kind)
 {
     char text[512];
     size_t content;
     (void)context;
-    bool grbl = bench.core.link.dialect == WAAM_DIALECT_GRBL && line[bytes - 2] == '\r';
-    bool marlin = bench.core.link.dialect == WAAM_DIALECT_MARLIN;
     REQUIRE(bytes > 2 && bytes <= 480 && line[bytes - 1] == '\n', "length of a sent line");
-    content = bytes - 1 - grbl;
-    REQUIRE(grbl || marlin || waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
+    REQUIRE(waam_check_line(line, bytes - 1, &content), "a sent line is sealed");
     for (size_t i = 0; i < content; i++)
         REQUIRE(line[i] >= ' ' && (uint8_t)line[i] <= '~', "a sent line is printable");
     memcpy(text, line, content);
     text[content] = '\0';
-    if (grbl) {
-        on_grbl_line(text);
-        return;
-    }
-    if (marlin) {
-        if (strncmp(text, "echo:! ", 7) == 0)
-            on_state(text + 5);
-        if (strcmp(text, "start") == 0) {
-            require_stock();
-            bench.marlin = true;
-        }
-        return;
-    }
     REQUIRE((kind == WAAM_TX_TELEMETRY) == (text[0] == 'T'), "only telemetry may be dropped");
     if (text[0] == '!')
         on_state(text);
@@ -151,44 +105,7 @@ static void on_line(void *context, const char *line, size_t bytes, waam_tx_kind_
 
 /* ---- what the controller gets ---- */
 
-/* Where a numbered M110 begins: a Marlin sender may say hello so. */
-static bool numbered_m110(void)
-{
-    size_t i = 1;
-    while (i < bench.line_length && strchr("-0123456789", bench.line[i]))
-        i++;
-    while (i < bench.line_length && (bench.line[i] == ' ' || bench.line[i] == '\t'))
-        i++;
-    return i > 1 && (bench.line[0] | 32) == 'n' && i < bench.line_length && (bench.line[i] | 32) == 'm';
-}
-
-/* $I, alone, with words or with a token of 32 bits; "$Ixyz" is no command. */
-static bool identification(size_t content)
-{
-    const char *line = bench.line;
-    size_t end = 3;
-    uint64_t token = 0;
-    if (content < 2 || line[0] != '$' || line[1] != 'I')
-        return false;
-    if (content == 2 || line[2] == ' ')
-        return true;
-    for (; end < content && line[end] >= '0' && line[end] <= '9' && token <= UINT32_MAX; end++)
-        token = token * 10 + (uint64_t)(line[end] - '0');
-    return line[2] == '@' && end > 3 && token <= UINT32_MAX && (end == content || line[end] == ' ');
-}
-
-/* What a line with a good check makes of the link, by the letter of the protocol. */
-static void sent_checked(size_t content)
-{
-    bool identifies = identification(content);
-    if (identifies || (!bench.marlin && !bench.grbl && !numbered_m110()))
-        bench.native = true;
-    if (identifies)
-        bench.marlin = bench.grbl = false;
-}
-
-/* Before the controller has seen the end of the line. A line with real-time bytes may be another one to the controller, which
- * takes pairs of them out of it: from then on it is not known here which dialect is right. */
+/* A line with real-time bytes may be a good one to the controller, which takes pairs of them out of it. */
 static void sent(char byte)
 {
     size_t content = 0;
@@ -200,48 +117,17 @@ static void sent(char byte)
     }
     if (bench.line_length && bench.line[bench.line_length - 1] == '\r')
         bench.line_length--;
-    bench.asked += bench.core.link.dialect == WAAM_DIALECT_GRBL;
     bool checked = bench.line_length <= WAAM_LINE_MAX && waam_check_line(bench.line, bench.line_length, &content);
     if (checked || bench.real_time)
         bench.fed_us = bench.core.now_us;
-    if (checked)
-        sent_checked(content);
     bench.line_length = 0;
-    bench.unsure = bench.unsure || bench.real_time;
     bench.real_time = false;
-}
-
-/* Bytes that a GRBL sender's controller takes out of the lines. */
-static bool grbl_real_time(uint8_t byte)
-{
-    return byte == '?' || byte == '!' || byte == '~' || byte == 0x18 || byte == 0x84 || byte == 0x85 ||
-           (byte >= 0x90 && byte <= 0x9F);
-}
-
-/* It is not told of states but ALARM: whoever comes after it knows them. */
-static void follow_state(void)
-{
-    if (bench.core.state == WAAM_ALARM)
-        REQUIRE(bench.announced == WAAM_ALARM, "ALARM was told");
-    bench.announced = bench.core.state;
-    bench.announced_code = bench.core.fault;
 }
 
 static void feed_byte(char byte)
 {
-    const waam_link_t *link = &bench.core.link;
-    waam_dialect_t before = link->dialect;
-    bool taken = before == WAAM_DIALECT_GRBL && grbl_real_time((uint8_t)byte);
-    if (!taken)
-        sent(byte);
+    sent(byte);
     waam_core_rx(&bench.core, (uint8_t)byte);
-    if (link->dialect != WAAM_DIALECT_GRBL)
-        return;
-    if (before == WAAM_DIALECT_OPEN)
-        bench.asked = bench.answered = 0;
-    if ((before == WAAM_DIALECT_OPEN && byte != '\n') || (taken && byte == 0x18))
-        bench.line_length = 0;
-    follow_state();
 }
 
 static void feed(const char *bytes, size_t count)
@@ -253,9 +139,7 @@ static void feed(const char *bytes, size_t count)
 static void hang_up(void)
 {
     waam_core_hang_up(&bench.core);
-    if (bench.marlin || bench.grbl) /* the machine brakes: from here on it has as long as after a last line */
-        bench.fed_us = bench.core.now_us;
-    bench.native = bench.marlin = bench.grbl = bench.real_time = bench.unsure = false;
+    bench.real_time = false;
     bench.line_length = 0;
 }
 
@@ -380,14 +264,10 @@ static void require_motion(const int64_t before[WAAM_AXES])
 static void require_state(bool limit_before)
 {
     const waam_core_t *c = &bench.core;
-    if (c->link.dialect == WAAM_DIALECT_GRBL)
-        follow_state();
     REQUIRE(c->state == bench.announced && (unsigned)c->fault == bench.announced_code, "every state was announced");
     REQUIRE(!bench.inputs.estop || c->state == WAAM_ALARM, "emergency stop");
     REQUIRE(!(bench.inputs.limit_switch && !limit_before) || c->state == WAAM_ALARM, "limit switch");
-    REQUIRE(c->state != WAAM_RUN || bench.marlin || bench.grbl || c->now_us - bench.fed_us <= bench.config.link_timeout_us,
-            "no RUN without a host, but a stock sender's");
-    REQUIRE(!(bench.marlin || bench.grbl) || bench.unsure || (!bench.outputs.arc && !c->armed), "no arc for a stock sender");
+    REQUIRE(c->state != WAAM_RUN || c->now_us - bench.fed_us <= bench.config.link_timeout_us, "no RUN without a host");
     REQUIRE(c->state != WAAM_ALARM || (!bench.outputs.arc && bench.outputs.wire_mm_s == 0.0 && !c->homed && !c->armed),
             "ALARM blocks all outputs");
     REQUIRE(c->planner.count <= WAAM_BLOCKS && c->link.ring_used <= WAAM_RING_BYTES, "queues");

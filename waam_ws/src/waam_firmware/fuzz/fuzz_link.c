@@ -50,7 +50,7 @@ static void feed_byte(uint8_t byte)
     waam_rx_t result = waam_link_byte(&bench.link, byte);
     if (result == WAAM_RX_QUEUED)
         queued(before);
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN || result == WAAM_RX_GRBL)
+    if (result == WAAM_RX_IMMEDIATE)
         bench.link.length = 0;
     require_link(before, result);
 }
@@ -135,7 +135,7 @@ static void record(const char *text, size_t count)
     case 'p': take(); break;
     case 'b': waam_link_block(&bench.link, count > 1); bench.got = bench.put; break;
     case 'r': resynchronise(text + 1, count - 1); break;
-    case 'i': bench.link.dialect = WAAM_DIALECT_NATIVE; bench.link.strong = true; break;
+    case 'i': bench.link.strong = true; break;
     default: feed_line(text, count);
     }
 }

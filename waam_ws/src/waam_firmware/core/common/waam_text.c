@@ -54,15 +54,6 @@ static uint64_t whole_part(waam_text_t *t, double value, unsigned decimals, uint
     return scaled % *scale;
 }
 
-void waam_text_places(waam_text_t *t, double value, unsigned decimals)
-{
-    uint64_t scale, fraction = whole_part(t, value, decimals, &scale);
-    if (decimals)
-        waam_text_char(t, '.');
-    for (uint64_t unit = scale / 10; unit > 0; unit /= 10)
-        waam_text_char(t, (char)('0' + fraction / unit % 10));
-}
-
 void waam_text_fixed(waam_text_t *t, double value, unsigned decimals)
 {
     uint64_t scale, fraction = whole_part(t, value, decimals, &scale);

@@ -19,7 +19,6 @@ void waam_text_int(waam_text_t *t, int64_t value);
 /* Rounded to `decimals` digits, trailing zeros removed. */
 void waam_text_fixed(waam_text_t *t, double value, unsigned decimals);
 /* The same with the zeros: always so many decimals. */
-void waam_text_places(waam_text_t *t, double value, unsigned decimals);
 /* Appends "*", the CRC-16 in five digits (`strong`: the CRC-32 in ten) and a line feed. */
 void waam_text_seal(waam_text_t *t, bool strong);
 

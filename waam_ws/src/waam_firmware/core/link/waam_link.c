@@ -1,14 +1,6 @@
 #include "waam_link.h"
 
-#include "waam_grbl_dialect.h"
-#include "waam_marlin_dialect.h"
-
 void waam_link_init(waam_link_t *link) { *link = (waam_link_t){0}; }
-
-bool waam_link_stock(const waam_link_t *link)
-{
-    return link->dialect == WAAM_DIALECT_MARLIN || link->dialect == WAAM_DIALECT_GRBL;
-}
 
 size_t waam_link_free_bytes(const waam_link_t *link) { return WAAM_RING_BYTES - link->ring_used; }
 
@@ -79,59 +71,17 @@ static waam_rx_t failed(waam_link_t *link, waam_code_t code)
     return link->blocked ? WAAM_RX_NONE : resend(link, code, link->received + 1);
 }
 
-/* "N<number>" of a line whose check holds; Marlin senders count from where they like. */
+/* "N<number>" of a line whose check holds. */
 static waam_rx_t with_number(waam_link_t *link)
 {
-    int64_t sequence;
+    waam_cursor_t cursor = {link->line, link->length, 1};
+    uint64_t sequence;
     if (link->strong && link->check_digits != 10)
         return failed(link, WAAM_E_CHECK);
-    if (!waam_marlin_number(link->line, link->length, &sequence))
-        return failed(link, WAAM_E_SYNTAX);
-    if (link->dialect != WAAM_DIALECT_NATIVE && waam_marlin_renumbers(link->line, link->length))
-        return WAAM_RX_MARLIN;
-    sequence += link->dialect == WAAM_DIALECT_MARLIN ? link->base : 0;
-    if (link->dialect == WAAM_DIALECT_MARLIN && sequence < 1 && !link->blocked)
-        return WAAM_RX_DUPLICATE;
-    if (sequence < 1 || sequence > UINT32_MAX - 1)
+    if (link->length < 2 || (link->line[0] != 'N' && link->line[0] != 'n') || link->line[1] == ' ' ||
+        !waam_read_uint(&cursor, &sequence) || sequence < 1 || sequence > UINT32_MAX - 1)
         return failed(link, WAAM_E_SYNTAX);
     return numbered(link, (uint32_t)sequence);
-}
-
-/* A numbered M110, the one line with a check by which a Marlin sender says hello. */
-static bool greets_in_marlin(const waam_link_t *link)
-{
-    int64_t number;
-    return waam_marlin_number(link->line, link->length, &number) && waam_marlin_renumbers(link->line, link->length);
-}
-
-/* "$I" with a CRC: the host that the machine belongs to is back. */
-static bool identifies(waam_link_t *link)
-{
-    size_t content;
-    unsigned digits = waam_check_line(link->line, link->length, &content);
-    if (digits < 5 || content < 2 || link->line[0] != '$' || link->line[1] != 'I')
-        return false;
-    link->check_digits = digits;
-    link->length = content;
-    return true;
-}
-
-/* Every line gets an answer, an empty one too, and in the order in which they came: so they all wait in the ring. */
-static waam_rx_t unchecked(waam_link_t *link)
-{
-    bool too_long = link->overlong || link->length > WAAM_LINE_MAX;
-    if (!too_long && identifies(link))
-        return WAAM_RX_IMMEDIATE;
-    if (too_long || link->length == 0) {
-        link->line[0] = too_long ? WAAM_GRBL_TOO_LONG : ' ';
-        link->length = 1;
-    }
-    if (link->blocked)
-        return WAAM_RX_GRBL;
-    if (waam_link_free_bytes(link) < link->length + 1)
-        return WAAM_RX_OVERRUN;
-    store(link);
-    return WAAM_RX_QUEUED;
 }
 
 static waam_rx_t complete(waam_link_t *link)
@@ -139,23 +89,15 @@ static waam_rx_t complete(waam_link_t *link)
     size_t content;
     if (link->length && link->line[link->length - 1] == '\r')
         link->length--;
-    if (link->dialect == WAAM_DIALECT_GRBL)
-        return unchecked(link);
     if (link->overlong || link->length > WAAM_LINE_MAX)
         return failed(link, WAAM_E_TOO_LONG);
     if (link->length == 0)
         return WAAM_RX_NONE;
-    if (link->dialect == WAAM_DIALECT_OPEN && waam_grbl_asks(link->line, link->length))
-        return WAAM_RX_GRBL;
-    if (link->dialect != WAAM_DIALECT_NATIVE &&
-        waam_marlin_unnumbered(link->line, link->length, link->dialect == WAAM_DIALECT_MARLIN))
-        return WAAM_RX_MARLIN;
     link->check_digits = waam_check_line(link->line, link->length, &content);
     if (!link->check_digits)
         return failed(link, WAAM_E_CHECK);
     link->length = content;
-    if (link->dialect == WAAM_DIALECT_OPEN && !greets_in_marlin(link))
-        link->dialect = WAAM_DIALECT_NATIVE;
+    link->known = true;
     return link->length && link->line[0] == '$' ? WAAM_RX_IMMEDIATE : with_number(link);
 }
 
@@ -163,7 +105,7 @@ waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte)
 {
     if (byte == '\n') {
         waam_rx_t result = complete(link);
-        if (result != WAAM_RX_IMMEDIATE && result != WAAM_RX_MARLIN && result != WAAM_RX_GRBL)
+        if (result != WAAM_RX_IMMEDIATE)
             link->length = 0;
         link->overlong = false;
         return result;

@@ -10,15 +10,8 @@ typedef enum {
     WAAM_RX_QUEUED,    /* a new line waits in the ring */
     WAAM_RX_DUPLICATE, /* acknowledge again */
     WAAM_RX_RESEND,    /* ask for link.resend_code */
-    WAAM_RX_BLOCKED,   /* the first line that came while nothing is accepted: say so, once */
-    WAAM_RX_MARLIN,     /* link.line holds a line of a Marlin sender for waam_marlin.c: no number, or M110 */
-    WAAM_RX_GRBL,       /* link.line holds a line of a GRBL sender: its first, or one that comes while nothing is accepted */
-    WAAM_RX_OVERRUN     /* a GRBL sender has more under way than there is room for */
+    WAAM_RX_BLOCKED    /* the first line that came while nothing is accepted: say so, once */
 } waam_rx_t;
-
-/* Which host is at the other end. OPEN: nobody has said yet; the first line decides. A line with a good check makes it
- * NATIVE (a numbered M110 excepted): the heartbeat that such a host owes is not lost by a line without a check. */
-typedef enum { WAAM_DIALECT_OPEN, WAAM_DIALECT_NATIVE, WAAM_DIALECT_MARLIN, WAAM_DIALECT_GRBL } waam_dialect_t;
 
 typedef struct {
     char line[WAAM_LINE_MAX + 2];
@@ -32,10 +25,9 @@ typedef struct {
     bool blocked;               /* after an error, a stop or an alarm: nothing is accepted until resynchronised */
     bool told;                  /* ... and the host has been told so */
     waam_code_t resend_code;
-    waam_dialect_t dialect;
+    bool known;                 /* a line with a good check has come since the other end was gone */
     bool strong;                /* the host identified itself with a CRC-32: numbered lines need one too */
     unsigned check_digits;      /* of the last good line: 3 or less XOR-8, 5 CRC-16, 10 CRC-32 */
-    int64_t base;               /* Marlin: line number here = number of the sender + base */
 } waam_link_t;
 
 /* Nothing was received; the next line is number 1. */
@@ -52,8 +44,6 @@ void waam_link_accept(waam_link_t *link);
 void waam_link_block(waam_link_t *link, bool told);
 /* Takes lines again, the next one being `next_line`; those that wait are forgotten. */
 void waam_link_resync(waam_link_t *link, uint32_t next_line);
-/* A stock sender: it has no heartbeat, and no arc. */
-bool waam_link_stock(const waam_link_t *link);
 /* Of the ring of waiting lines. */
 size_t waam_link_free_bytes(const waam_link_t *link);
 

@@ -31,7 +31,7 @@ static void tell_fault(waam_core_t *core)
 void waam_core_accelerations(waam_core_t *core)
 {
     waam_text_t line = {.length = 0};
-    if (core->acceleration.wanted && core->link.dialect != WAAM_DIALECT_NATIVE)
+    if (core->acceleration.wanted && !core->link.known)
         waam_acceleration_want(&core->acceleration, false);
     if (!core->acceleration.wanted)
         return;

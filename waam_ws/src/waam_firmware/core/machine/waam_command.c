@@ -71,7 +71,6 @@ static void remember(const waam_request_t *r)
 
 static void answer(waam_request_t *r)
 {
-    waam_core_t *core = r->core;
     size_t i = 0, count = sizeof table / sizeof table[0];
     bool token_good = read_token(r);
     while (i < count && table[i].letter != r->letter)
@@ -80,8 +79,6 @@ static void answer(waam_request_t *r)
     if (i == count || !token_good) {
         r->letter = '?';
         waam_request_refuse(r, WAAM_E_UNKNOWN_WORD, "not a command of this controller");
-    } else if (core->link.dialect == WAAM_DIALECT_MARLIN && r->letter != 'I') {
-        waam_request_refuse(r, WAAM_E_NOT_NOW, "a Marlin sender is connected: identify first");
     } else if (!repeated(r)) {
         table[i].handle(r);
         remember(r);

@@ -65,8 +65,6 @@ typedef struct {
     waam_link_t link;
     waam_recent_t recent[WAAM_RECENT]; /* immediate lines with a token that were done */
     uint32_t recent_count;
-    bool status_asked, homing_asked; /* by a GRBL sender, not answered yet */
-    uint64_t listing_us;        /* not before then: the next answer of many lines to it */
     uint8_t burst_byte;         /* last byte from the host, and how many of it in a row, when it is a real-time byte */
     unsigned burst;
     waam_modal_t modal;         /* of what is planned */
@@ -127,7 +125,7 @@ void waam_core_init(waam_core_t *core, const waam_config_t *config, waam_tx_t se
 void waam_core_rx(waam_core_t *core, uint8_t byte);
 /* Optional, before waam_core_rx: the microseconds since the last tick, so that answers carry a finer clock. */
 void waam_core_clock(waam_core_t *core, uint32_t since_tick_us);
-/* The other end is gone (terminal closed, USB unplugged): ends a cut line; the next host chooses its dialect. */
+/* The other end is gone (terminal closed, USB unplugged): ends a cut line; nobody is known. */
 void waam_core_hang_up(waam_core_t *core);
 /* Moves everything on by `dt_us`: readings in, outputs out. */
 void waam_core_tick(waam_core_t *core, uint32_t dt_us, const waam_inputs_t *inputs, waam_outputs_t *outputs);

@@ -76,7 +76,7 @@ void waam_guard_lease(waam_core_t *core)
 void waam_guard_link(waam_core_t *core)
 {
     bool silent = core->now_us - core->heard_us > core->config.link_timeout_us;
-    if (!silent || waam_link_stock(&core->link))
+    if (!silent)
         return;
     waam_wire_stop_jog(&core->wire);
     if (core->state == WAAM_RUN)

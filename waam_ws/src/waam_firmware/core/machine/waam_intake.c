@@ -1,15 +1,9 @@
 /* What arrives over the link: lines are taken while there are free blocks, answered, refused or asked for again. */
 #include "waam_internal.h"
 
-static bool marlin(const waam_core_t *core) { return core->link.dialect == WAAM_DIALECT_MARLIN; }
-
 static void acknowledge(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
-    if (marlin(core)) {
-        waam_marlin_ok(core);
-        return;
-    }
     waam_text_add(&text, "ok N");
     waam_text_uint(&text, core->link.accepted);
     waam_text_add(&text, " P");
@@ -19,7 +13,7 @@ static void acknowledge(waam_core_t *core)
     waam_core_send(core, &text, WAAM_TX_ASSURED);
 }
 
-static void native_error(waam_core_t *core, const waam_error_t *error)
+static void report_error(waam_core_t *core, const waam_error_t *error)
 {
     waam_text_t text = {.length = 0};
     waam_text_add(&text, "er N");
@@ -31,14 +25,6 @@ static void native_error(waam_core_t *core, const waam_error_t *error)
     waam_text_char(&text, ' ');
     waam_text_bytes(&text, error->text.text, error->text.length);
     waam_core_send(core, &text, WAAM_TX_ASSURED);
-}
-
-static void report_error(waam_core_t *core, const waam_error_t *error)
-{
-    if (marlin(core))
-        waam_marlin_error(core, error);
-    else
-        native_error(core, error);
     waam_link_block(&core->link, true);
 }
 
@@ -54,36 +40,9 @@ static void report_blocked(waam_core_t *core)
 static size_t after_number(const char *line, size_t length)
 {
     size_t at = 1;
-    while (at < length && ((line[at] >= '0' && line[at] <= '9') || (at == 1 && line[at] == '-')))
+    while (at < length && line[at] >= '0' && line[at] <= '9')
         at++;
     return at;
-}
-
-/* Right or wrong, the line is dealt with: such a sender goes on with the next one. */
-static bool take_grbl(waam_core_t *core, const char *line, size_t length)
-{
-    if (!waam_grbl_line(core, line, length)) {
-        waam_link_put_back(&core->link, length);
-        return false;
-    }
-    waam_link_accept(&core->link);
-    return true;
-}
-
-/* OTHER: the line is none of settings. */
-static waam_marlin_done_t take_setting(waam_core_t *core, const char *line, size_t length)
-{
-    waam_error_t error;
-    waam_marlin_done_t done = waam_marlin_setting(core, line, length, after_number(line, length), true, &error);
-    if (done == WAAM_MARLIN_LATER) {
-        waam_link_put_back(&core->link, length);
-    } else if (done == WAAM_MARLIN_REFUSED) {
-        report_error(core, &error);
-    } else if (done == WAAM_MARLIN_DONE) {
-        waam_link_accept(&core->link);
-        acknowledge(core);
-    }
-    return done;
 }
 
 static bool take_line(waam_core_t *core)
@@ -95,15 +54,6 @@ static bool take_line(waam_core_t *core)
     waam_error_t error;
     if (length == 0)
         return false;
-    if (core->link.dialect == WAAM_DIALECT_GRBL)
-        return take_grbl(core, line, length);
-    if (marlin(core) && waam_marlin_query(core, line, length, after_number(line, length))) {
-        waam_link_accept(&core->link);
-        return true;
-    }
-    waam_marlin_done_t setting = marlin(core) ? take_setting(core, line, length) : WAAM_MARLIN_OTHER;
-    if (setting != WAAM_MARLIN_OTHER)
-        return setting == WAAM_MARLIN_DONE;
     bool good = core->state == WAAM_ALARM
                     ? waam_fail(&error, WAAM_E_NOT_NOW, 1, "ALARM: reset first")
                     : waam_gcode_parse(line, length, after_number(line, length), &core->modal, &limits, &command, &error);
@@ -122,7 +72,6 @@ static bool take_line(waam_core_t *core)
 
 void waam_core_take_lines(waam_core_t *core)
 {
-    waam_grbl_homed(core);
     while (!core->stopping && waam_planner_free(&core->planner) > 0 && take_line(core)) {
     }
 }
@@ -130,10 +79,6 @@ void waam_core_take_lines(waam_core_t *core)
 static void ask_resend(waam_core_t *core)
 {
     waam_text_t text = {.length = 0};
-    if (marlin(core)) {
-        waam_marlin_resend(core);
-        return;
-    }
     waam_text_add(&text, "rs N");
     waam_text_uint(&text, core->link.received + 1);
     waam_text_add(&text, " E");
@@ -164,18 +109,14 @@ static void line_byte(waam_core_t *core, uint8_t byte)
         ask_resend(core);
         return;
     }
-    if (result != WAAM_RX_MARLIN && result != WAAM_RX_GRBL) /* without a check: no sign of life of a native host */
-        core->heard_us = core->now_us;
+    core->heard_us = core->now_us;
     switch (result) {
     case WAAM_RX_IMMEDIATE: waam_core_immediate(core, link->line, link->length); break;
-    case WAAM_RX_MARLIN: waam_marlin_line(core, link->line, link->length); break;
-    case WAAM_RX_GRBL: waam_grbl_hello(core, link->line, link->length); break;
-    case WAAM_RX_OVERRUN: waam_grbl_overrun(core); break;
     case WAAM_RX_DUPLICATE: acknowledge(core); break;
     case WAAM_RX_BLOCKED: report_blocked(core); break;
     default: waam_core_take_lines(core); break;
     }
-    if (result == WAAM_RX_IMMEDIATE || result == WAAM_RX_MARLIN || result == WAAM_RX_GRBL)
+    if (result == WAAM_RX_IMMEDIATE)
         link->length = 0;
 }
 
@@ -183,8 +124,6 @@ static void line_byte(waam_core_t *core, uint8_t byte)
  * single one belongs to its line and spoils it. */
 void waam_core_rx(waam_core_t *core, uint8_t byte)
 {
-    if (waam_grbl_real_time(core, byte))
-        return;
     bool special = byte >= WAAM_BYTE_HOLD && byte <= WAAM_BYTE_STOP;
     if (core->burst && byte == core->burst_byte) {
         core->burst = core->burst < 3 ? core->burst + 1 : 3;
@@ -203,15 +142,8 @@ void waam_core_rx(waam_core_t *core, uint8_t byte)
 void waam_core_hang_up(waam_core_t *core)
 {
     waam_link_t *link = &core->link;
-    bool was_stock = waam_link_stock(link);
     link->length = 0;
     link->overlong = link->strong = false;
     core->burst = 0;
-    core->status_asked = core->homing_asked = false;
-    link->dialect = WAAM_DIALECT_OPEN;
-    if (!was_stock)
-        return;
-    link->base = 0;
-    if (core->state != WAAM_ALARM)
-        waam_core_stop(core);
+    link->known = false;
 }

@@ -8,8 +8,6 @@ extern const char waam_axis_names[WAAM_AXES + 1];
 
 /* states (waam_state.c) */
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind); /* adds the check */
-void waam_grbl_say(waam_core_t *core, waam_text_t *text); /* to a GRBL sender; adds the end of the line */
-void waam_grbl_tell(waam_core_t *core, const char *words); /* the same of one text */
 void waam_core_state(waam_core_t *core, waam_state_t state, waam_code_t code, const char *reason);
 /* Slows down, ends the arc, keeps the queue. `quick` leaves the crater fill out. */
 void waam_core_hold(waam_core_t *core, waam_code_t code, const char *reason, bool quick);
@@ -17,7 +15,6 @@ void waam_core_alarm(waam_core_t *core, waam_code_t code, const char *reason);
 /* False: there is nothing to resume. */
 bool waam_core_resume(waam_core_t *core);
 void waam_core_stop(waam_core_t *core);
-void waam_core_halt(waam_core_t *core); /* the same, and lines are taken all the while */
 void waam_core_finish_stopping(waam_core_t *core); /* once it stands: forgets the queue, IDLE */
 /* Says it in a line of the present state, which stays. */
 void waam_core_tell(waam_core_t *core, waam_code_t code, const char *text);
@@ -35,38 +32,10 @@ bool waam_core_jogging(const waam_core_t *core);
 /* immediate lines (waam_command.c) and queued ones (waam_intake.c) */
 void waam_core_immediate(waam_core_t *core, const char *line, size_t length);
 void waam_core_take_lines(waam_core_t *core);
-/* To a stock sender, disarmed. False: the machine waits for the host that it knows, and is not handed to another one. */
-bool waam_core_hand_over(waam_core_t *core, waam_dialect_t dialect);
 /* Leaves ALARM; WAAM_OK, or the code and text of the refusal. */
 waam_code_t waam_core_reset(waam_core_t *core, const char **text);
 void waam_core_new_program(waam_core_t *core); /* modal state as after a start */
 void waam_core_stamp(const waam_core_t *core, waam_text_t *text); /* appends " @<microseconds>" */
-
-/* 3-D printing senders (waam_marlin.c) */
-void waam_marlin_line(waam_core_t *core, const char *line, size_t length);
-bool waam_marlin_query(waam_core_t *core, const char *line, size_t length, size_t at); /* answered, if it is one */
-void waam_marlin_ok(waam_core_t *core);
-void waam_marlin_resend(waam_core_t *core);
-void waam_marlin_error(waam_core_t *core, const waam_error_t *error);
-typedef enum { WAAM_MARLIN_OTHER, WAAM_MARLIN_DONE, WAAM_MARLIN_LATER, WAAM_MARLIN_REFUSED } waam_marlin_done_t;
-/* M92 and M503 (waam_marlin_settings.c), told but not yet answered by `ok`. `waits`: comes again when it is LATER, which is
- * while the machine runs. */
-waam_marlin_done_t waam_marlin_setting(waam_core_t *core, const char *line, size_t length, size_t at, bool waits,
-                                       waam_error_t *error);
-
-/* GRBL senders (waam_grbl.c) */
-bool waam_grbl_real_time(waam_core_t *core, uint8_t byte); /* this byte was one, and was acted on */
-/* One line; false: not yet, give it again. */
-bool waam_grbl_line(waam_core_t *core, const char *line, size_t length);
-void waam_grbl_hello(waam_core_t *core, const char *line, size_t length); /* the first line, or one while nothing is accepted */
-void waam_grbl_overrun(waam_core_t *core);
-void waam_grbl_homed(waam_core_t *core); /* answers $H when it is done */
-
-/* what they are told (waam_grbl_report.c) */
-bool waam_grbl_locked(const waam_core_t *core); /* ALARM to such a sender: nothing moves before $X or $H */
-void waam_grbl_status(waam_core_t *core);                 /* if it was asked for */
-bool waam_grbl_report(waam_core_t *core, char question);  /* $ $$ $# $G $I $N by the character after '$', 0 for none */
-bool waam_grbl_setting(const waam_core_t *core, unsigned number, double *value); /* of $$; false: there is none */
 
 /* Zero of the program's coordinates in machine coordinates. */
 double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis);

@@ -57,7 +57,7 @@ void waam_core_standoff_telemetry(waam_core_t *core)
 
 static bool feels(const waam_core_t *core)
 {
-    return core->config.temperature.input != WAAM_TEMPERATURE_OFF && core->link.dialect == WAAM_DIALECT_NATIVE;
+    return core->config.temperature.input != WAAM_TEMPERATURE_OFF && core->link.known;
 }
 
 void waam_core_temperature_read(waam_core_t *core)
@@ -80,10 +80,6 @@ bool waam_core_temperature_telemetry(waam_core_t *core)
 void waam_core_telemetry(waam_core_t *core)
 {
     const waam_inputs_t *in = &core->inputs;
-    if (core->link.dialect == WAAM_DIALECT_GRBL) {
-        waam_grbl_status(core);
-        return;
-    }
     bool measured = in->process == WAAM_PROCESS_OK && waam_guard_plausible(core);
     const int64_t fields[] = {
         core->telemetry_sequence++, (int64_t)core->now_us, core->state, flags(core),

@@ -25,27 +25,6 @@ static void offset(waam_request_t *r)
     }
 }
 
-bool waam_core_hand_over(waam_core_t *core, waam_dialect_t dialect)
-{
-    bool idle = core->state == WAAM_IDLE && core->planner.count == 0;
-    if (core->link.dialect == dialect)
-        return true;
-    if (!idle && core->state != WAAM_ALARM)
-        return false;
-    core->link.dialect = dialect;
-    core->link.base = core->link.accepted;
-    core->link.strong = false;
-    core->heard_us = core->now_us;
-    waam_wire_stop_jog(&core->wire); /* no heartbeat will end it */
-    core->armed = false;
-    core->lease_us = 0;
-    core->telemetry_us = core->config.telemetry_us;
-    core->telemetry_due_us = core->now_us + core->telemetry_us;
-    waam_core_new_program(core);
-    waam_link_resync(&core->link, core->link.accepted + 1);
-    return true;
-}
-
 void waam_core_new_program(waam_core_t *core) { core->modal = core->executed_modal = (waam_modal_t){0}; }
 
 static void field(waam_request_t *r, const char *name, uint64_t value)
@@ -94,7 +73,7 @@ static void describe(waam_request_t *r)
     offset(r);
     field(r, " acc=", core->link.accepted);
     field(r, " exe=", core->executed);
-    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STOCK,STANDOFF,SHAPE");
+    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STANDOFF,SHAPE");
     if (core->config.accelerometer)
         waam_text_add(&r->answer, ",ACCEL");
     if (core->config.part_temperature)
@@ -112,14 +91,7 @@ void waam_order_identify(waam_request_t *r)
     waam_core_t *core = r->core;
     waam_skip_spaces(&r->args);
     bool keep = r->args.length - r->args.at >= 4 && r->args.text[r->args.at] == 'k';
-    if (core->link.dialect == WAAM_DIALECT_GRBL) {
-        waam_link_block(&core->link, false); /* its lines are none of this host's */
-        core->status_asked = core->homing_asked = false;
-        waam_planner_set_override(&core->planner, 1.0);
-    }
-    core->link.dialect = WAAM_DIALECT_NATIVE;
     core->link.strong = core->link.check_digits == 10;
-    core->link.base = 0;
     core->telemetry_us = core->config.telemetry_us;
     core->recent_count = 0;
     waam_acceleration_want(&core->acceleration, false); /* of another host */

@@ -1,7 +1,5 @@
 /* States and their changes: hold, alarm, resume, stop. Everything else in this room may call these; they call none of it. */
-#include "waam_grbl_dialect.h"
 #include "waam_internal.h"
-#include "waam_marlin_dialect.h"
 
 const char waam_axis_names[WAAM_AXES + 1] = "XYZ";
 
@@ -19,61 +17,15 @@ void waam_core_stamp(const waam_core_t *core, waam_text_t *text)
 
 void waam_core_send(waam_core_t *core, waam_text_t *text, waam_tx_kind_t kind)
 {
-    if (core->link.dialect == WAAM_DIALECT_GRBL)
-        return; /* that sender is told by waam_grbl_say */
-    if (core->link.dialect == WAAM_DIALECT_MARLIN) {
-        waam_text_t line;
-        waam_marlin_frame(text, &line);
-        if (kind == WAAM_TX_ASSURED)
-            core->send(core->context, line.text, line.length, kind);
-        return;
-    }
     if (kind == WAAM_TX_ASSURED)
         waam_core_stamp(core, text);
     waam_text_seal(text, core->link.strong);
     core->send(core->context, text->text, text->length, kind);
 }
 
-void waam_grbl_say(waam_core_t *core, waam_text_t *text)
-{
-    waam_text_add(text, "\r\n");
-    core->send(core->context, text->text, text->length, WAAM_TX_ASSURED);
-}
-
-void waam_grbl_tell(waam_core_t *core, const char *words)
-{
-    waam_text_t text = {.length = 0};
-    waam_text_add(&text, words);
-    waam_grbl_say(core, &text);
-}
-
-/* GRBL has a number for ALARM and none for other states; a fault is told in words as well. */
-static void tell_grbl(waam_core_t *core, waam_code_t code, const char *reason)
-{
-    waam_text_t text = {.length = 0};
-    if (core->state == WAAM_ALARM) {
-        waam_text_add(&text, "ALARM:");
-        waam_text_uint(&text, waam_grbl_alarm(code));
-        waam_grbl_say(core, &text);
-        waam_text_clear(&text);
-    }
-    if (code == WAAM_OK || code == WAAM_E_HOLD)
-        return;
-    waam_text_add(&text, "[MSG:E");
-    waam_text_uint(&text, code);
-    waam_text_char(&text, ' ');
-    waam_text_add(&text, reason);
-    waam_text_char(&text, ']');
-    waam_grbl_say(core, &text);
-}
-
 void waam_core_tell(waam_core_t *core, waam_code_t code, const char *reason)
 {
     waam_text_t text = {.length = 0};
-    if (core->link.dialect == WAAM_DIALECT_GRBL) {
-        tell_grbl(core, code, reason);
-        return;
-    }
     waam_text_add(&text, "! ");
     waam_text_add(&text, waam_state_name(core->state));
     waam_text_add(&text, code ? " E" : " E00");
@@ -126,7 +78,7 @@ static void forget_queue(waam_core_t *core)
     core->done_count = 0;
     core->planned = core->executed;
     core->block_started = core->jogged = core->stopping = core->resume_asked = core->retrying = false;
-    core->home.active = core->homing_asked = false;
+    core->home.active = false;
     plan_from_here(core);
 }
 
@@ -197,19 +149,14 @@ void waam_core_finish_stopping(waam_core_t *core)
     waam_core_state(core, WAAM_IDLE, WAAM_OK, "stopped; the queue was emptied");
 }
 
-void waam_core_halt(waam_core_t *core)
+void waam_core_stop(waam_core_t *core)
 {
+    waam_link_block(&core->link, false);
     waam_arc_cut(&core->arc, &core->config.arc);
     waam_wire_stop_jog(&core->wire);
     core->arc.gas_asked = false;
     core->stopping = core->state == WAAM_RUN || core->state == WAAM_HOLD || core->planner.count > 0;
     waam_core_finish_stopping(core);
-}
-
-void waam_core_stop(waam_core_t *core)
-{
-    waam_link_block(&core->link, false);
-    waam_core_halt(core);
 }
 
 bool waam_core_jogging(const waam_core_t *core)
