@@ -133,15 +133,15 @@ def test_every_verb_is_in_the_log_or_known_to_command_nothing():
 def test_the_name_of_the_sub_verb_is_in_the_log_and_a_page_is_a_command_when_it_is_opened(here):
     parse = build_parser().parse_args
     for line in (
-        'record stop', 'replay play x --force', 'calibrate status', 'calibrate apply', 'panel', 'panel --port 8700',
+        'record stop', 'calibrate status', 'calibrate apply', 'panel', 'panel --port 8700',
         'jobs policy', 'jobs policy --older-than 90d',
     ):  # fmt: skip
         audited.record(parse(line.split()))
     found = [(e.what, e.data) for e in Shop(paths.shop_dir()).audit('cell').last(9)]
-    commands = ['record stop', 'replay play', 'calibrate apply', 'panel', 'jobs policy']
+    commands = ['record stop', 'calibrate apply', 'panel', 'jobs policy']
     assert [what for what, _ in found] == commands
-    assert found[1][1]['force'] is True and found[3][1]['port'] == 8700
-    assert found[4][1] == {'older_than': '90d'}
+    assert found[2][1]['port'] == 8700
+    assert found[3][1] == {'older_than': '90d'}
 
 
 SAFE = [line.split() for line in ('stop', 'job abort', 'job pause')]

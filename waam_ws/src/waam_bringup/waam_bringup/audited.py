@@ -15,9 +15,9 @@ from . import panel
 # verb -> sub-verbs that command a cell or change what belongs to the shop, () = all of them
 COMMANDS: dict[str, tuple[str, ...]] = {
     'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'commission': (),
-    'jobs': ('delete', 'retain', 'policy'), 'panel': (), 'relay': (),
+    'jobs': ('delete', 'retain', 'policy'), 'panel': (),
     'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
-    'record': ('start', 'stop', 'split', 'pause', 'resume'), 'replay': ('play',),
+    'record': ('start', 'stop', 'split', 'pause', 'resume'),
 }  # fmt: skip
 # of verb: where the parser of a package puts its sub-verb
 SUB_VERBS = ('verb', 'jobs_verb', 'record_verb', 'replay_verb', 'calibrate_command')

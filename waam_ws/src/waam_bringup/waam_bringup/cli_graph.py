@@ -1,4 +1,4 @@
-"""`waam up`, `stop`, `status` and `relay`: their options, and what they do."""
+"""`waam up`, `stop` and `status`: their options, and what they do."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from waam_process.cli_options import Options, Verbs, add_verb
 from waam_process.operating import DEFAULT_PRESET, GANTRY, MACHINES, PRESETS, ROBOT
 
-from .cli_common import add_run, late, run_and_domain
+from .cli_common import add_run, run_and_domain
 
 if TYPE_CHECKING:
     from .graph import Settings
@@ -47,9 +47,6 @@ SIMULATED: Options = (  # of every verb that starts a graph
      'says of it wins', None, {'choices': PRESETS}),
 )  # fmt: skip
 STATUS: Options = (('--json', False, 'for programs: one JSON object, null for what is not known'),)
-RELAY = """\
-Publishes what a cell tells on another ROS domain, under the cell's name (/cell2/telemetry ...), for screens and loggers
-of a site; one-way: nothing there can command the cell."""
 
 
 def register(commands: Verbs) -> None:
@@ -69,14 +66,6 @@ def register(commands: Verbs) -> None:
         p = add_verb(commands, name, told, *(STATUS if name == 'status' else ()))
         p.set_defaults(run_command=run)
         add_run(p, '--name')
-    p = add_verb(
-        commands, 'relay', 'shows the topics of a cell to a whole site',
-        ('--to-domain', int, 'ROS_DOMAIN_ID of the site, 0 to 101', 'N', {'required': True}),
-        ('--reach', 'SUBNET', 'LOCALHOST: readers on this computer only; SUBNET: on the network, too (default)', None,
-         {'choices': ('LOCALHOST', 'SUBNET')}), description=RELAY,
-    )  # fmt: skip
-    p.set_defaults(run_command=late('node_relay', 'run'))
-    add_run(p, '--name')
 
 
 def params_files(args: argparse.Namespace) -> tuple[Path, ...]:

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from waam_process.cli_options import Verbs, add_verb
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    'a running cell': ('up', 'stop', 'status', 'panel', 'demo', 'relay'),
+    'a running cell': ('up', 'stop', 'status', 'panel', 'demo'),
     'jobs': ('job', 'jobs', 'report', 'view'),
     'plan and predict, without a machine': ('plan', 'forecast', 'lab', 'lab fit', 'scan', 'correct', 'robot', 'train'),
     'set up and calibrate': ('cell', 'ports', 'calibrate', 'commission', 'completion'),

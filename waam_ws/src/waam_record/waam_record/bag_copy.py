@@ -170,15 +170,3 @@ def convert(
     finally:
         writer.close()
     return writer.messages
-
-
-def topics_of(file: Path) -> list[Topic]:
-    """Topics of a whole file; empty for a broken one (reading its messages then says so)."""
-    try:
-        with open(file, 'rb') as f:
-            summary = make_reader(f).get_summary()
-    except BROKEN:
-        return []
-    if summary is None:
-        return []
-    return [topic_of(c, summary.schemas[c.schema_id]) for c in summary.channels.values()]
