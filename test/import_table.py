@@ -97,7 +97,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_record/waam_record/provenance.py': 'asks git and the host for versions',
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
-    'waam_archive/waam_archive/(arrow|export|retention|store|verify).py': 'the files of the archive',
+    'waam_archive/waam_archive/(arrow|export|store|verify).py': 'the files of the archive',
     'waam_archive/waam_archive/ingest.py': 'looks for job folders',
     'waam_lab/waam_lab/training_data.py': 'writes layers to train on',
     'waam_lab/waam_lab/laboratory.py': 'job folders of a run, and how long it took',

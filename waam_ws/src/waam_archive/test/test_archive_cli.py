@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -58,7 +57,7 @@ VERBS = [
     ['list'], ['show', 'roller_12'], ['compare', 'roller_1', 'roller_12'], ['find', 'twice'], ['trend', 'rms'],
     ['trend', 'rms', '--subgroup', '3', '--upper', '0.3'], ['figures'], ['figures', '--by', 'wire_lot'],
     ['trace', 'roller.stl'], ['sql', 'SELECT count(*) AS n FROM jobs'], ['ingest'], ['verify'],
-    ['retain', '--older-than', '1d', '--dry-run'], ['policy'], ['compare', '--wire-lot', 'B'],
+    ['compare', '--wire-lot', 'B'],
     ['trace', 'ROLLER'],
 ]  # fmt: skip
 
@@ -113,53 +112,6 @@ def test_export_delete_and_come_back(waam, jobs, tmp_path):
     assert '1 added' in waam('ingest', next(jobs.glob('*roller_5')))[1]
 
 
-def test_a_policy_drops_arrays_and_nothing_else(waam):
-    out = json.loads(waam('retain', '--older-than', '1d', '--json')[1])
-    assert len(out['jobs']) == 12 and out['bytes'] > 0
-    assert waam('sql', 'SELECT count(*) FROM maps', '--json')[1].count(': 0') == 1
-    assert len(json.loads(waam('list', '--json')[1])) == 12
-    assert json.loads(waam('show', 'roller_12', '--json')[1])['layers']
-    assert waam('verify')[0] == 0 and '0 added' in waam('ingest')[1]
-
-
-def test_a_kept_policy_is_applied_when_jobs_are_taken_in(tmp_path, capsys):
-    waam, now = runner(tmp_path, capsys), datetime.now(UTC)
-    for n, days in enumerate((400, 200, 10), 1):
-        make_job(tmp_path, n, layers=1, created=now - timedelta(days=days))
-    cut_off = make_job(tmp_path, 4, layers=1, created=now - timedelta(days=900))
-    (cut_off / 'report.json').unlink()
-    (cut_off / 'status.json').write_text('{"state": "INTERRUPTED"}')
-    assert len(json.loads(waam('list', '--json')[1])) == 4
-
-    def with_maps():
-        return {r['job'][-1] for r in json.loads(waam('sql', 'FROM maps', '--json')[1])}
-
-    assert waam('policy')[1] == 'policy: none\n' and with_maps() == {'1', '2', '3', '4'}
-    waam('policy', '--older-than', '300d')
-    assert with_maps() == {'1', '2', '3', '4'}  # nothing new was taken in
-    found = json.loads(waam('retain', '--dry-run', '--json')[1])
-    assert [j[-1] for j in found['jobs']] == ['1'] and [j[-1] for j in found['spared']] == ['4']
-    make_job(tmp_path, 5, layers=1, created=now)
-    assert 'policy of the archive: dropped: telemetry and maps of 1 jobs' in waam('list')[2]
-    assert with_maps() == {'2', '3', '4', '5'}
-
-    assert json.loads(waam('policy', '--max-size', '1k', '--json')[1])['older_than'] == '300d'
-    _, out, _ = waam('retain', '--dry-run')
-    assert all(f'_roller_{n}' in out for n in (2, 3, 5)) and '1 jobs without a report' in out
-    assert 'more than 1k' in out and with_maps() == {'2', '3', '4', '5'}
-    waam('retain')
-    assert with_maps() == {'4'} and len(json.loads(waam('list', '--json')[1])) == 5
-
-    waam('policy', '--clear')
-    make_job(tmp_path, 6, layers=1, created=now - timedelta(days=500))
-    assert with_maps() == {'4', '6'}
-    (tmp_path / 'archive/retention.json').write_text('{"older_than": "soon"}')
-    make_job(tmp_path, 7, layers=1)
-    assert 'was not applied' in waam('list')[2]
-    with pytest.raises(ValueError, match='waam jobs policy --clear'):
-        waam('retain')
-
-
 def test_jobs_are_deleted_by_filters_and_never_without_a_word(tmp_path, capsys):
     waam = runner(tmp_path, capsys)
     for n in range(1, 5):
@@ -180,9 +132,8 @@ def test_jobs_are_deleted_by_filters_and_never_without_a_word(tmp_path, capsys):
         (['show', 'nothing'], 'no job'), (['show', 'roller'], '12 jobs'), (['list', '--since', 'soon'], 'is no time'),
         (['list', '--limit', '-1'], '--limit -1'), (['trend', 'rms', '--subgroup', '11'], '1 to 10'),
         (['figures', '--prices', 'nowhere.yaml'], 'nowhere.yaml'), (['trace', 'x.stl'], 'x.stl'),
-        (['sql', 'DROP TABLE jobs'], 'one SELECT'), (['ingest', 'nowhere'], 'nowhere'), (['retain'], '--max-size'),
-        (['retain', '--max-size', 'much'], 'is no size'), (['policy', '--older-than', '2026-01-01'], 'is no age'),
-        (['trend', 'rms', '--baseline', '1'], 'two or more'), (['policy', '--clear', '--max-size', '1G'], '--clear'),
+        (['sql', 'DROP TABLE jobs'], 'one SELECT'), (['ingest', 'nowhere'], 'nowhere'),
+        (['trend', 'rms', '--baseline', '1'], 'two or more'),
         (['verify', '--archive', '/nowhere'], '/nowhere'),
         (['list', '--archive', '/nowhere', '--no-ingest'], '/nowhere'), (['export', '-o', '/'], 'exists'),
     ],

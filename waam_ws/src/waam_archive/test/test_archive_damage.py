@@ -142,10 +142,10 @@ def test_a_question_to_a_damaged_archive_is_an_error_with_the_way_out(pristine, 
 
 def test_sql_over_a_damaged_file_names_it(pristine, tmp_path):
     shutil.copytree(pristine / 'archive', tmp_path / 'a')
-    file = sorted((tmp_path / 'a/telemetry').iterdir())[0]
+    (file,) = (tmp_path / 'a').rglob('beads.parquet')
     file.write_bytes(file.read_bytes()[:-10])
     with pytest.raises(SqlError, match=f'{file.name}.*verify --repair'):
-        Archive(tmp_path / 'a').sql('SELECT avg(current_A) FROM telemetry')
+        Archive(tmp_path / 'a').sql('SELECT avg(energy_J) FROM beads')
     assert Archive(tmp_path / 'a').sql('SELECT count(*) FROM jobs')[1] == [(2,)]
 
 

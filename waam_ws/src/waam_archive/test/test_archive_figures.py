@@ -1,9 +1,9 @@
-"""Control charts against values worked out by hand, key figures, cost, retention, traceability."""
+"""Control charts against values worked out by hand, key figures, cost, traceability."""
 
 from __future__ import annotations
 
 import math
-from datetime import datetime, timedelta
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from waam_archive.charts import ChartError, chart, cpk, signals
 from waam_archive.figures import cost, grouped, key_figures
 from waam_archive.page import part_page
-from waam_archive.policy import Held, Policy, decide, size
 from waam_archive.schema import names
 from waam_archive.traceability import part_record
 from waam_process.prices import PriceError, Prices
@@ -166,41 +165,6 @@ def test_groups():
 def test_a_wrong_price_is_named(data, said):
     with pytest.raises(PriceError, match=said):
         Prices.parse(data)
-
-
-# ---- retention -----------------------------------------------------------------------------------
-
-NOW = datetime(2026, 11, 24)
-HELD = st.builds(
-    Held, job=st.text(max_size=3), created=st.none() | st.integers(0, 900).map(lambda d: NOW - timedelta(days=d)),
-    bytes=st.integers(0, 1000), has_report=st.booleans(),
-)  # fmt: skip
-
-
-@given(
-    st.lists(HELD, max_size=12), st.none() | st.integers(0, 800), st.none() | st.integers(0, 4000)
-)
-def test_a_policy_keeps_jobs_without_report_and_takes_the_oldest_first(held, days, limit):
-    policy = Policy('' if days is None else f'{days}d', '' if limit is None else str(limit))
-    gone = decide(held, policy, NOW).gone
-    assert all(h.has_report and h.created is not None for h in gone)
-    left = list(held)
-    for h in gone:
-        left.remove(h)
-    able = [h for h in left if h.has_report and h.created is not None and h.bytes]
-    if days is not None:
-        assert all((NOW - h.created).days < days for h in able)
-    if limit is not None and able:
-        assert sum(h.bytes for h in left) <= limit
-    if gone and able:
-        assert max(h.created for h in gone) <= min(h.created for h in able)
-
-
-def test_sizes():
-    assert size('20G') == 20 * 10**9 and size('1.5 MB') == 1_500_000 and size('7') == 7
-    for wrong in ('', 'G', '-1G', '1 PB'):
-        with pytest.raises(ValueError, match='is no size'):
-            size(wrong)
 
 
 # ---- traceability --------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import duckdb
 
 from .catalog import ArchiveError, Catalog
-from .schema import BULK, SQL_TYPES, TABLES, VERSION, select_list
+from .schema import SQL_TYPES, TABLES, select_list
 from .selection import Selection
 from .store import Store, literal
 
@@ -79,8 +79,7 @@ class Archive:
         return db
 
     def _files(self, catalog: Catalog, table: str) -> list[tuple[int, str]]:
-        bulk = [(0, name) for name in catalog.bulk_files(table)] if table in BULK else []
-        found = bulk or catalog.small_files(table)
+        found = catalog.small_files(table)
         return [(n, str((self.store.root / f).resolve())) for n, f in found]
 
     @staticmethod
@@ -88,14 +87,10 @@ class Archive:
         if not files:
             nothing = (f'NULL::{SQL_TYPES[c.kind]} AS "{c.name}"' for c in TABLES[table])
             return f'SELECT {", ".join(nothing)} WHERE false'
-        by_version: dict[
-            int, list[str]
-        ] = {}  # bulk files, which are of no segment, have changed in none
+        by_version: dict[int, list[str]] = {}
         for n, file in files:
-            version = catalog.segments[n].schema if n else VERSION
-            by_version.setdefault(version, []).append(literal(file))
-        check = stale and table not in BULK
-        parts = (_select(table, v, ', '.join(f), check) for v, f in sorted(by_version.items()))
+            by_version.setdefault(catalog.segments[n].schema, []).append(literal(file))
+        parts = (_select(table, v, ', '.join(f), stale) for v, f in sorted(by_version.items()))
         return ' UNION ALL '.join(parts)
 
     def ask(self, tables: tuple[str, ...], question: Callable[[Any], Answer]) -> Answer:

@@ -6,11 +6,10 @@ import hashlib
 import os
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from .content import Row, Surface
+from .content import Row
 from .schema import TABLES
 
 KINDS = {
@@ -18,11 +17,6 @@ KINDS = {
     'floats': pa.list_(pa.float32()),
 }  # fmt: skip
 SCHEMAS = {t: pa.schema([(c.name, KINDS[c.kind]) for c in cs]) for t, cs in TABLES.items()}
-TELEMETRY = {
-    't_s': 't', 'x_m': 'x', 'y_m': 'y', 'z_m': 'z', 'current_A': 'current', 'voltage_V': 'voltage',
-    'wire_feed_m_s': 'wire_feed', 'wire_feed_commanded_m_s': 'wire_feed_commanded', 'speed_m_s': 'speed',
-    'temperature_C': 'temperature', 'arc': 'arc', 'layer': 'layer',
-}  # fmt: skip
 
 
 def table(name: str, rows: list[Row]) -> pa.Table:
@@ -32,38 +26,6 @@ def table(name: str, rows: list[Row]) -> pa.Table:
         for c in TABLES[name]
     ]
     return pa.Table.from_arrays(columns, schema=SCHEMAS[name])
-
-
-def telemetry(job: str, track: dict[str, np.ndarray]) -> pa.Table:
-    """Table telemetry; NaN is NULL."""
-    n = len(next(iter(track.values()), ()))
-    schema = SCHEMAS['telemetry']
-    columns = [pa.array([job] * n, pa.string())]
-    for field in list(schema)[1:]:
-        values = np.asarray(track[TELEMETRY[field.name]]) if track else np.empty(0)
-        if field.type == pa.bool_():
-            values = values > 0.5
-        elif field.type == pa.int64():
-            values = np.nan_to_num(values).astype(np.int64)
-        columns.append(pa.array(values, field.type, from_pandas=True))
-    return pa.Table.from_arrays(columns, schema=schema)
-
-
-def maps(job: str, surfaces: list[Surface]) -> pa.Table:
-    """Table maps: one row per map."""
-    rows: list[Row] = []
-    arrays: list[np.ndarray] = []
-    for s in surfaces:
-        for name, values in sorted(s.arrays.items()):
-            shape = {'rows': values.shape[0], 'cols': values.shape[1], 'resolution_m': s.resolution}
-            origin = {'origin_x_m': s.origin[0], 'origin_y_m': s.origin[1]}
-            rows.append({'job': job, 'layer': s.layer, 'name': name, **shape, **origin})
-            arrays.append(np.asarray(values, np.float32).ravel())
-    found = table('maps', rows)
-    offsets = np.cumsum([0, *(len(a) for a in arrays)]).astype(np.int32)
-    flat = np.concatenate(arrays) if arrays else np.empty(0, np.float32)
-    data = pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat))
-    return found.set_column(found.num_columns - 1, SCHEMAS['maps'].field('data'), data)
 
 
 def write(path: Path, found: pa.Table) -> dict[str, str | int]:

@@ -7,7 +7,6 @@ segments hold, the segment with the highest number counts.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import zlib
@@ -17,7 +16,7 @@ from typing import Any
 
 from waam_process.safe_files import parse_json
 
-from .schema import BULK, FIRST_VERSION, SMALL, VERSION
+from .schema import FIRST_VERSION, TABLES, VERSION
 
 FORMAT = 'waam archive segment'
 _HEAD = re.compile(r'\{"crc32": (\d{1,10}),')
@@ -39,14 +38,12 @@ class File:
 
 @dataclass(frozen=True)
 class Entry:
-    """A job in a segment. sha256, stamp and source as of `Content`; bulk: table -> file, without what a policy has
-    dropped."""
+    """A job in a segment. sha256, stamp and source as of `Content`."""
 
     sha256: str
     source: str
     stamp: str
     has_report: bool
-    bulk: dict[str, File] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,9 @@ def parse(content: str, name: str) -> Segment:
         why = e if type(e) is ValueError else type(e).__name__
         raise ArchiveError(f'{name}: damaged ({why}); waam jobs verify --repair') from None
     check_version(schema, name)
-    jobs = {j: Entry(**{**e, 'bulk': _files(e['bulk'])}) for j, e in data['jobs'].items()}
+    for entry in data['jobs'].values():
+        entry.pop('bulk', None)  # up to schema 2: files of telemetry and maps
+    jobs = {j: Entry(**e) for j, e in data['jobs'].items()}
     files = _files(data['files'])
     return Segment(data['number'], tuple(data['replaces']), jobs, files, schema)
 
@@ -134,16 +133,6 @@ class Catalog:
         found = ((n, s.files.get(table)) for n, s in self.segments.items())
         return [(n, f.name) for n, f in found if f is not None and f.rows]
 
-    def bulk_files(self, table: str) -> list[str]:
-        """Files of a bulk table."""
-        found = (e.bulk.get(table) for e in self.entries().values())
-        return [f.name for f in found if f is not None and f.rows]
-
-    def all_files(self) -> dict[str, File]:
-        """Every file that counts, by name."""
-        small = {f.name: f for s in self.segments.values() for f in s.files.values()}
-        return small | {f.name: f for e in self.entries().values() for f in e.bulk.values()}
-
     def to_merge(self, fan: int) -> list[int]:
         """Segments of one order of size, when there are `fan` of them: merged they become one of the next order."""
         classes: dict[int, list[int]] = {}
@@ -161,19 +150,10 @@ def _order(jobs: int, fan: int) -> int:
     return order
 
 
-def bulk_name(table: str, job: str, sha256: str) -> str:
-    """Name of a job's file of a bulk table below the archive. Any text is a job; the name is safe."""
-    if table not in BULK:
-        raise ValueError(f'{table} is not one of {", ".join(BULK)}')
-    plain = re.sub(r'[^A-Za-z0-9._-]+', '-', job)[:60].strip('.')
-    mark = hashlib.sha256(f'{job}\0{sha256}'.encode('utf-8', 'surrogatepass')).hexdigest()[:16]
-    return f'{table}/{plain}-{mark}.parquet'
-
-
 def small_name(number: int, table: str) -> str:
     """Name of a segment's file of a small table below the archive."""
-    if table not in SMALL:
-        raise ValueError(f'{table} is not one of {", ".join(SMALL)}')
+    if table not in TABLES:
+        raise ValueError(f'{table} is not one of {", ".join(TABLES)}')
     return f'segments/{number:08d}/{table}.parquet'
 
 

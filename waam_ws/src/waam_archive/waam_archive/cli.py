@@ -20,8 +20,6 @@ examples:
   waam jobs ingest /mnt/usb/jobs                         take in job folders from anywhere
   waam jobs sql "SELECT part, avg(rms_mm) FROM jobs GROUP BY part"
   waam jobs export --part 'jaw*' -o jaw --format csv     tables of some jobs, for other programs
-  waam jobs retain --older-than 180d --dry-run           what would go: telemetry and maps of old jobs, never a report
-  waam jobs policy --older-than 180d --max-size 50G      keeps a policy, applied whenever jobs are taken in
   waam jobs verify                                       every file against its hash
 
 Every verb prints JSON with --json. The archive is a folder of Parquet files (docs/archive.md): pandas, polars and

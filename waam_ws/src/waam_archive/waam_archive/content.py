@@ -1,4 +1,4 @@
-"""One job as the archive takes it: rows of the small tables, columns of the telemetry, maps."""
+"""One job as the archive takes it: rows of the tables, and the arrays that they are made of."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .schema import SMALL
+from .schema import TABLES
 
 Row = dict[str, Any]  # column -> value; a column that is missing is NULL
 
@@ -31,14 +31,14 @@ class Content:
     sha256: str
     source: str
     stamp: str = ''
-    rows: dict[str, list[Row]] = field(default_factory=lambda: {t: [] for t in SMALL})
+    rows: dict[str, list[Row]] = field(default_factory=lambda: {t: [] for t in TABLES})
     telemetry: dict[str, np.ndarray] = field(default_factory=dict)
     surfaces: list[Surface] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
     def has_report(self) -> bool:
-        """Jobs without one are never touched by a policy."""
+        """A job that was cut off has none."""
         return bool(self.rows['jobs'] and self.rows['jobs'][0].get('has_report'))
 
     @property

@@ -9,7 +9,6 @@ from pathlib import Path
 from .catalog import Catalog
 from .content import Content
 from .folder_source import NotFinished, SourceError, is_job, read, stamp_of
-from .retention import apply_kept
 from .store import HEAD, Store, Writer
 
 BATCH_JOBS, BATCH_BYTES = 16, 32 << 20  # jobs and bytes of arrays that are committed together
@@ -26,11 +25,6 @@ class Outcome:
     running: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-
-    @property
-    def changed(self) -> bool:
-        """Something was written."""
-        return bool(self.added or self.updated)
 
 
 def sources(path: Path, depth: int = DEPTH, refused: list[str] | None = None) -> Iterator[Path]:
@@ -101,8 +95,6 @@ def ingest(
         _commit(writer, batch, outcome)
         if outcome.updated:
             writer.tidy()
-        if outcome.changed and (said := apply_kept(writer)):
-            outcome.notes.append(said)
         tick(len(waiting), len(waiting))
     return outcome
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from waam_process.loop_mode import OLD_FIELD
 from waam_process.names import ANOMALY_CLASSES
 
-VERSION = 2  # of the tables below; every segment of an archive says with which one it was written
+VERSION = 3  # of the tables below; every segment of an archive says with which one it was written
 FIRST_VERSION = 1  # the oldest one that can be read
 RENAMED = {
     ('jobs', 'loop_mode'): (1, OLD_FIELD)
@@ -151,35 +151,10 @@ _CONSUMABLES = [
     *_columns('float', used_m='wire fed', used_kg='wire fed', used_s='time with a burning arc'),
 ]
 _REPORTS = [JOB, *_columns('text', report='report.json as it was', asked='job.yaml as it was')]
-_TELEMETRY = [
-    JOB,
-    *_columns(
-        'float',
-        t_s='ROS time; ten rows per second', x_m='wire tip, work frame', y_m='wire tip', z_m='wire tip',
-        current_A='arc current',
-        voltage_V='arc voltage', wire_feed_m_s='measured', wire_feed_commanded_m_s='asked for',
-        speed_m_s='travel speed',
-        temperature_C='pyrometer',
-    ),
-    *_columns('bool', arc='current flows'),
-    *_columns('int', layer='being laid, 0 = before the first'),
-]  # fmt: skip
-_MAPS = [
-    JOB,
-    *_columns('int', layer='taken after this layer; 0 = as found'),
-    *_columns('text', name='z, sigma, target, nominal, psi, region ... (docs/job_folder.md)'),
-    *_columns('int', rows='along y', cols='along x'),
-    *_columns('float', origin_x_m='corner of cell (0, 0)', origin_y_m='corner of cell (0, 0)',
-    resolution_m='size of a cell'),
-    *_columns('floats', data='rows * cols values, row by row; NaN = unknown; masks are 0 and 1'),
-]  # fmt: skip
-
 TABLES: dict[str, list[Column]] = {
     'jobs': _JOBS, 'layers': _LAYERS, 'beads': _BEADS, 'anomalies': _ANOMALIES, 'calibration': _CALIBRATION,
-    'consumables': _CONSUMABLES, 'reports': _REPORTS, 'telemetry': _TELEMETRY, 'maps': _MAPS,
+    'consumables': _CONSUMABLES, 'reports': _REPORTS,
 }  # fmt: skip
-BULK = ('telemetry', 'maps')  # a file per job; a policy may drop them
-SMALL = tuple(name for name in TABLES if name not in BULK)  # files of many jobs
 
 
 def names(table: str) -> list[str]:

@@ -22,17 +22,15 @@ from .catalog import (
     Entry,
     File,
     Segment,
-    bulk_name,
     check_version,
     marker_name,
     parse,
     small_name,
 )
 from .content import Content
-from .schema import BULK, SMALL, VERSION, select_list
+from .schema import TABLES, VERSION, select_list
 
 DELETED = 'deleted.json'  # sources of jobs that somebody deleted -> their stamps
-RETENTION = 'retention.json'  # the policy that is applied whenever jobs are taken in
 HEAD = 'archive.json'  # what the folder is, and the version of its schema
 _MARKER = re.compile(r'(\d{8})\.json')
 _NUMBERED = re.compile(r'(?:new-)?(\d{8})\b.*')
@@ -120,8 +118,7 @@ class Store:
     def writing(self) -> Iterator[Writer]:
         """One writer at a time; another one waits, at most PATIENCE_S: then ArchiveError. What a killed writer has left
         is removed first."""
-        for folder in ('segments', *BULK):
-            (self.root / folder).mkdir(parents=True, exist_ok=True)
+        (self.root / 'segments').mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
             try:
                 stack.enter_context(locked(self.root / '.lock', PATIENCE_S))
@@ -143,7 +140,6 @@ class Writer:
 
     def sweep(self) -> None:
         """Removes what no marker counts: the remains of killed writers and of merged segments."""
-        wanted = self.catalog.all_files()
         for number in self.catalog.replaced:
             (self.root / marker_name(number)).unlink(missing_ok=True)
         self.catalog.replaced.clear()
@@ -153,39 +149,20 @@ class Writer:
                 shutil.rmtree(entry)
             elif entry.suffix == '.new':
                 entry.unlink()
-        for table in BULK:
-            for file in (self.root / table).iterdir():
-                if f'{table}/{file.name}' not in wanted and not file.name.endswith('.bad'):
-                    file.unlink()
 
     def add(self, contents: list[Content]) -> None:
         """All of these jobs, or none of them, are in the archive when this returns or is killed."""
         from . import arrow
 
         number = self._next_number()
-        jobs: dict[str, Entry] = {}
-        for c in contents:
-            bulk = {
-                'telemetry': self._bulk('telemetry', c, arrow.telemetry(c.job, c.telemetry)),
-                'maps': self._bulk('maps', c, arrow.maps(c.job, c.surfaces)),
-            }
-            jobs[c.job] = Entry(c.sha256, c.source, c.stamp, c.has_report, bulk)
+        jobs = {c.job: Entry(c.sha256, c.source, c.stamp, c.has_report) for c in contents}
         new = self._new_folder(number)
         files = {}
-        for table in SMALL:
+        for table in TABLES:
             rows = [row for c in contents for row in c.rows[table]]
             facts = arrow.write(new / f'{table}.parquet', arrow.table(table, rows))
             files[table] = File(name=small_name(number, table), **facts)  # type: ignore[arg-type]
         self._commit(Segment(number, (), jobs, files), new)
-
-    def _bulk(self, table: str, c: Content, found: object) -> File:
-        from . import arrow
-
-        name = bulk_name(table, c.job, c.sha256)
-        new = self.root / f'{name}.new'
-        facts = arrow.write(new, found)
-        os.replace(new, self.root / name)
-        return File(name=name, **facts)  # type: ignore[arg-type]
 
     def merge(self) -> None:
         """Keeps the number of segments small, so that a query opens few files."""
@@ -219,7 +196,7 @@ class Writer:
         kept = {n: self._kept(n, change) for n in numbers}
         jobs = {job: entry for entries in kept.values() for job, entry in entries.items()}
         new = self._new_folder(number)
-        files = {t: self._merged(t, kept, new, number) for t in SMALL}
+        files = {t: self._merged(t, kept, new, number) for t in TABLES}
         old = [self.catalog.segments[n] for n in numbers]
         self._commit(Segment(number, tuple(s.number for s in old), jobs, files), new)
         for s in old:
@@ -265,8 +242,6 @@ class Writer:
     def _commit(self, segment: Segment, new: Path) -> None:
         """The files first, then, in one step, the marker that makes them count."""
         sync_folder(new)
-        for table in BULK:
-            sync_folder(self.root / table)
         os.replace(new, new.with_name(f'{segment.number:08d}'))
         sync_folder(new.parent)
         write_atomically(self.root / marker_name(segment.number), segment.text())

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import folder_source
-from .catalog import ArchiveError, Catalog, Entry, File, Segment, bulk_name, marker_name, small_name
+from .catalog import ArchiveError, Catalog, Entry, File, Segment, marker_name, small_name
 from .ingest import ingest
-from .schema import BULK, SMALL, version_of
+from .schema import TABLES, version_of
 from .store import Store
 
 
@@ -24,9 +24,6 @@ class Verdict:
     segments: list[int] = field(
         default_factory=list
     )  # with a damaged or missing file of a small table
-    bulk: list[tuple[str, str]] = field(
-        default_factory=list
-    )  # (job, table) whose file is damaged or missing
     changed: list[str] = field(default_factory=list)  # sources that are not what was ingested
 
     @property
@@ -51,17 +48,12 @@ def verify(
             verdict.markers.append(number)
             verdict.problems.append(str(e))
     catalog = Catalog.of(readable)
-    files: list[tuple[int, tuple[str, str] | None, File]] = [
-        (n, None, f) for n, s in catalog.segments.items() for f in s.files.values()
-    ]
-    files += [(0, (j, t), f) for j, e in catalog.entries().items() for t, f in e.bulk.items()]
-    for done, (number, of_job, file) in enumerate(files):
+    files = [(n, f) for n, s in catalog.segments.items() for f in s.files.values()]
+    for done, (number, file) in enumerate(files):
         tick(done, len(files))
         if found := wrong_with(store.root, file):
             verdict.problems.append(found)
-            if of_job:
-                verdict.bulk.append(of_job)
-            elif number not in verdict.segments:
+            if number not in verdict.segments:
                 verdict.segments.append(number)
     verdict.files, verdict.jobs = len(files), len(catalog.home)
     if sources:
@@ -102,10 +94,6 @@ def repair(store: Store, verdict: Verdict) -> list[str]:
     lost: dict[str, str] = {}
     for number in verdict.segments:
         lost |= _set_aside(store, number)
-    for job, table in verdict.bulk:
-        said.append(_drop_bulk(store, job, table))
-        entry = store.catalog().entry(job)
-        lost |= {job: entry.source} if entry else {}
     return said + _take_again(store, lost)
 
 
@@ -131,14 +119,12 @@ def _from_files(store: Store, number: int) -> Segment:
         rows = arrow.rows_of(store.root / name)
         return File(name=name, rows=rows, **arrow.sealed(store.root / name))  # type: ignore[arg-type]
 
-    files = {t: facts(small_name(number, t)) for t in SMALL}
+    files = {t: facts(small_name(number, t)) for t in TABLES}
     jobs = {}
     for row in arrow.columns_of(
         store.root / files['jobs'].name, ('job', 'sha256', 'source', 'has_report')
     ):
-        names = {t: bulk_name(t, row['job'], row['sha256']) for t in BULK}
-        bulk = {t: facts(n) for t, n in names.items() if (store.root / n).is_file()}
-        jobs[row['job']] = Entry(row['sha256'], row['source'], '', bool(row['has_report']), bulk)
+        jobs[row['job']] = Entry(row['sha256'], row['source'], '', bool(row['has_report']))
     schema = version_of(arrow.names_of(store.root / files['jobs'].name))
     return Segment(number, (), jobs, files, schema)
 
@@ -152,23 +138,6 @@ def _set_aside(store: Store, number: int) -> dict[str, str]:
         folder.replace(folder.with_name(f'{folder.name}.bad'))
     marker.replace(marker.with_name(f'{marker.name}.bad'))
     return jobs
-
-
-def _drop_bulk(store: Store, job: str, table: str) -> str:
-    """The damaged file is set aside, and the job does without it until it is ingested again."""
-
-    def without(_: str, e: Entry) -> Entry:
-        return replace(e, sha256='', stamp='', bulk={t: f for t, f in e.bulk.items() if t != table})
-
-    entry = store.catalog().entry(job)
-    if entry is None:
-        return f'{job}: {table} went with its segment'
-    file = store.root / entry.bulk[table].name
-    if file.is_file():
-        file.replace(file.with_name(f'{file.name}.bad'))
-    with store.writing() as writer:
-        writer.change({job}, without)
-    return f'{file}: set aside as .bad'
 
 
 def _take_again(store: Store, lost: dict[str, str]) -> list[str]:

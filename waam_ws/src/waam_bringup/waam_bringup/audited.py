@@ -15,7 +15,7 @@ from . import panel
 # verb -> sub-verbs that command a cell or change what belongs to the shop, () = all of them
 COMMANDS: dict[str, tuple[str, ...]] = {
     'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'commission': (),
-    'jobs': ('delete', 'retain', 'policy'), 'panel': (),
+    'jobs': ('delete',), 'panel': (),
     'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
     'record': ('start', 'stop', 'split', 'pause', 'resume'),
 }  # fmt: skip
@@ -106,10 +106,8 @@ def is_command(command: str, verb: str) -> bool:
 
 
 def _only_asks(args: argparse.Namespace) -> bool:
-    """`waam panel` without options tells the address of the page and opens nothing to anybody; `waam jobs policy`
-    without options shows the policy; `waam commission --list` and `--page` only look."""
-    if (args.command, sub_verb(args)) == ('jobs', 'policy'):
-        return not (args.older_than or args.max_size or args.clear)
+    """`waam panel` without options tells the address of the page and opens nothing to anybody;
+    `waam commission --list` and `--page` only look."""
     if args.command == 'commission':
         return args.list or args.page
     return args.command == 'panel' and not panel.serves(args)

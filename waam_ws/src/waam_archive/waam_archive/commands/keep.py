@@ -1,4 +1,4 @@
-"""Verbs that change the archive, copy from it, or check it: ingest, export, delete, retain, policy, verify."""
+"""Verbs that change the archive, copy from it, or check it: ingest, export, delete, verify."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import argparse
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ..policy import Decision, Policy
 from ..schema import TABLES
 from .common import (
     Verbs,
@@ -18,7 +17,6 @@ from .common import (
     jobs_meant,
     opened,
     print_json,
-    print_table,
     progress,
     selection,
     shown,
@@ -65,7 +63,6 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     )
     add_filters(p)
     p.add_argument('--yes', action='store_true', help='do not ask')
-    _register_retention(verbs, common)
     text = 'every file against its hash; exit status 1 when something is wrong'
     p = add_verb(verbs, common, 'verify', text, _verify)
     p.add_argument(
@@ -74,31 +71,6 @@ def register(verbs: Verbs, common: argparse.ArgumentParser) -> None:
     p.add_argument(
         '--repair', action='store_true', help='set aside what is damaged and take it in again'
     )
-
-
-def _register_retention(verbs: Verbs, common: argparse.ArgumentParser) -> None:
-    limits = argparse.ArgumentParser(add_help=False)
-    limits.add_argument(
-        '--older-than', default='', metavar='AGE', help='hours, days or weeks: 12h, 180d, 26w'
-    )
-    limits.add_argument(
-        '--max-size',
-        default='',
-        metavar='SIZE',
-        help='then the oldest, until all telemetry and maps take no more, such as 500M or 50G',
-    )
-    text = (
-        'drop telemetry and maps of old jobs; reports, layers and beads stay, jobs without a report are left alone. '
-        'Without limits: by the policy that is kept (waam jobs policy)'
-    )
-    p = add_verb(verbs, common, 'retain', text, _retain, limits)
-    p.add_argument('--dry-run', action='store_true', help='only say what would go')
-    text = (
-        'show or set the policy of retention that is kept with the archive; it is applied whenever jobs are taken in, '
-        'and by `waam jobs retain`'
-    )
-    p = add_verb(verbs, common, 'policy', text, _policy, limits)
-    p.add_argument('--clear', action='store_true', help='no policy any more')
 
 
 def _ingest(args: argparse.Namespace) -> int:
@@ -159,72 +131,6 @@ def _agreed(jobs: list[str]) -> bool:
 def _listed(jobs: list[str]) -> str:
     more = f' and {len(jobs) - 20} more' if len(jobs) > 20 else ''
     return f'{len(jobs)} jobs: {", ".join(map(shown, jobs[:20]))}{more}'
-
-
-def _retain(args: argparse.Namespace) -> int:
-    from ..retention import apply, decision, kept_policy
-
-    asked = Policy(args.older_than, args.max_size)
-    archive = opened(args)
-    policy = asked or kept_policy(archive.store)
-    if not policy:
-        raise ValueError(
-            'say what may stay (--older-than AGE, --max-size SIZE), or keep a policy: waam jobs policy'
-        )
-    if args.dry_run:
-        found = decision(archive.store, archive.store.catalog(), policy)
-    else:
-        with archive.store.writing() as writer:
-            found = apply(writer, policy)
-    if args.json:
-        print_json(_decided(args, policy, found))
-    else:
-        _tell_decision(args, policy, found)
-    return 0
-
-
-def _decided(args: argparse.Namespace, policy: Policy, found: Decision) -> dict[str, Any]:
-    return {
-        'policy': asdict(policy), 'jobs': [h.job for h in found.gone], 'bytes': found.bytes, 'dry_run': args.dry_run,
-        'bytes_left': found.left, 'bytes_over': found.over, 'spared': [h.job for h in found.spared],
-    }  # fmt: skip
-
-
-def _tell_decision(args: argparse.Namespace, policy: Policy, found: Decision) -> None:
-    from ..retention import told
-
-    print(f'policy: {policy}')
-    rows = [[h.created, h.job, h.bytes / 1e6] for h in found.gone]
-    if args.dry_run and rows:
-        print_table(['created', 'job', 'MB'], rows)
-    print(f'{told(found, not args.dry_run)}; {found.left / 1e6:.1f} MB stay')
-    if found.spared:
-        size = sum(h.bytes for h in found.spared) / 1e6
-        print(f'{len(found.spared)} jobs without a report or a time keep theirs, {size:.1f} MB')
-    if found.over:
-        print(f'that is {found.over / 1e6:.1f} MB more than {policy.max_size}')
-
-
-def _policy(args: argparse.Namespace) -> int:
-    from ..retention import keep_policy, kept_policy
-    from ..store import Store
-
-    given = Policy(args.older_than, args.max_size)
-    if given and args.clear:
-        raise ValueError('--clear goes with no limit')
-    store = Store(archive_folder(args))
-    if args.clear:
-        policy = Policy()
-    else:
-        kept = kept_policy(store)
-        policy = Policy(given.older_than or kept.older_than, given.max_size or kept.max_size)
-    if given or args.clear:
-        keep_policy(store, policy)
-    if args.json:
-        print_json(asdict(policy))
-    else:
-        print(f'policy: {policy}')
-    return 0
 
 
 def _verify(args: argparse.Namespace) -> int:
