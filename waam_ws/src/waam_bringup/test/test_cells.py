@@ -124,9 +124,7 @@ def test_every_verb_is_in_the_log_or_known_to_command_nothing():
     """A new verb must be put into one of both."""
     for command, *verb in verbs_of(build_parser()):
         words = ' '.join((command, *verb))
-        looks = words in ONLY_LOOK or (
-            command in ONLY_LOOK and words != 'jobs delete'
-        )
+        looks = words in ONLY_LOOK or (command in ONLY_LOOK and words != 'jobs delete')
         assert audited.is_command(command, ' '.join(verb)) != looks, words
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import robot_references as references
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from waam_calibrate import cli, robot_evidence, robot_fit, store
 from waam_calibrate.evidence import EvidenceError
 from waam_calibrate.graph import Graph
 from waam_calibrate.robot_evidence import Robot
-from waam_lab.robot import references
 from waam_robot.arm import M20IB25, forward
 from waam_robot.frames import wpr
 from waam_robot.station import Station

@@ -20,11 +20,6 @@ def distance_inside(mask: np.ndarray) -> np.ndarray:
     return ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
 
 
-def shrink(mask: np.ndarray, cells: float) -> np.ndarray:
-    """Cells whose centre lies at least `cells` inside the edge of the mask (the edge is half a cell out)."""
-    return mask & (distance_inside(mask) - 0.5 >= cells)
-
-
 def judged(mask: np.ndarray, rim: float, bead: float) -> np.ndarray:
     """Cells by which a surface laid on the mask is judged: all but a rim; of walls one bead thick the crown.
 

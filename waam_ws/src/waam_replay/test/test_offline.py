@@ -57,8 +57,6 @@ def test_less_gain_gives_less_correction(job):
     spread = [np.abs(r.layers[1].psi.result.psi).mean() for r in (full, less)]
     assert 0 < spread[1] < 0.6 * spread[0]
     assert less.layers[1].feed.difference('speed')[1] > 1e-4
-    rms, largest = less.layers[1].prediction.change
-    assert 0 < rms <= largest < 1e-3
 
 
 def test_authority_of_speed(job):
@@ -171,8 +169,7 @@ def test_commands(job, tmp_path, capsys):
     data = json.loads((out / 'tune.json').read_text())
     assert data['settings'] == {'correction_server.k_gain': 0.2}
     assert [r['layer'] for r in data['layers']] == [1, 2]
-    assert data['layers'][1]['error_predicted_rms_mm'] > 0
-    assert (out / 'tune.png').read_bytes()[:4] == b'\x89PNG'
+    assert data['layers'][1]['speed_difference_max_mm_s'] > 0
     assert run(['tune', str(job), '--set', 'nobody.x=1']) == 1
     assert "unknown node 'nobody'" in capsys.readouterr().err
 

@@ -23,7 +23,7 @@ _EXAMPLES = """examples:
   waam replay check jobs                               every record in a folder
 
 Every layer starts from the surface that was really measured: `tune` shows what other parameters would have
-commanded on it and what that layer would have become, not a new history of the whole part."""
+commanded on it. What would come of it: `waam lab fit`, then `waam lab`."""
 
 
 def register(commands: argparse._SubParsersAction) -> None:
@@ -36,7 +36,7 @@ def register(commands: argparse._SubParsersAction) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = parser.add_subparsers(dest='replay_verb', required=True, metavar='VERB')
-    text = 'offline, with other parameters; table, JSON and picture beside the job'
+    text = 'offline, with other parameters; table, and JSON beside the job'
     tune = verbs.add_parser('tune', help=text, description=text)
     _add_jobs(tune)
     tune.add_argument(
@@ -81,7 +81,6 @@ def _tuned(job: Path, settings: list[str]) -> Tuning:
 
 
 def _tune(args: argparse.Namespace) -> int:
-    from .picture import draw
     from .summary import as_json
 
     try:
@@ -95,8 +94,7 @@ def _tune(args: argparse.Namespace) -> int:
         return _error(e)
     _print(result)
     (folder / 'tune.json').write_text(json.dumps(as_json(result), indent=1), encoding='utf-8')
-    drawn = draw(result, folder / 'tune.png')
-    print(f'written: {folder / "tune.json"}' + (f', {folder / "tune.png"}' if drawn else ''))
+    print(f'written: {folder / "tune.json"}')
     return 0
 
 

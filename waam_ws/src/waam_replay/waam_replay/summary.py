@@ -62,15 +62,6 @@ def _layer_row(layer: Layer) -> dict[str, Any]:
             'feed_difference_max_mm_s': feed.difference('wire_feed_speed')[1] * 1e3,
             'clamped_segments': int(np.count_nonzero(feed.result.clamps)),
         }
-    if p := layer.prediction:
-        row |= {
-            'error_measured_rms_mm': p.rms('measured') * 1e3,
-            'error_predicted_recorded_rms_mm': p.rms('recorded') * 1e3,
-            'error_predicted_rms_mm': p.rms('again') * 1e3,
-            'height_change_rms_mm': p.change[0] * 1e3,
-            'height_change_max_mm': p.change[1] * 1e3,
-            'metal_arrived': p.arrived,
-        }
     return row
 
 
@@ -102,7 +93,7 @@ def _clean(value: Any) -> Any:
 
 
 def tables(result: Tuning) -> list[Table]:
-    """Of the maps that differ, of the corrections, of setpoints and heights."""
+    """Of the maps that differ, of the corrections, of setpoints."""
     made = []
     if any(not r['identical'] for r in map_rows(result)):
         made.append(_maps(result))
@@ -110,7 +101,7 @@ def tables(result: Tuning) -> list[Table]:
     if any('psi_mean' in r for r in rows):
         made.append(_corrections(rows))
     if rows:
-        made.append(_heights(rows))
+        made.append(_setpoints(rows))
     return made
 
 
@@ -148,14 +139,11 @@ def _corrections(rows: list[dict]) -> Table:
     return table
 
 
-def _heights(rows: list[dict]) -> Table:
-    heads = ('layer', 'speed', 'feed', 'clamped', 'measured', 'predicted', 'again')
-    title = 'largest change of speed and feed, mm/s; RMS height error after the layer, mm'
-    table = _table(title, *heads)
-    errors = ('error_measured_rms_mm', 'error_predicted_recorded_rms_mm', 'error_predicted_rms_mm')
+def _setpoints(rows: list[dict]) -> Table:
+    title = 'largest change of speed and feed, mm/s'
+    table = _table(title, 'layer', 'speed', 'feed', 'clamped')
     for r in rows:
-        cells = [f'{r[n]:.3f}' if n in r and r[n] == r[n] else '-' for n in errors]
-        table.add_row(str(r['layer']), *_feed_cells(r), *cells)
+        table.add_row(str(r['layer']), *_feed_cells(r))
     return table
 
 

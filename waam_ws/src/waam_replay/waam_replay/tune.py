@@ -20,18 +20,16 @@ from waam_record.read_record import Record, load
 from .corrections import Corrections, PsiAgain
 from .maps import MapAgain, Mapper
 from .parameters import Parameters, effective
-from .prediction import Prediction, predict
 from .setpoints import FeedAgain, one
 
 
 @dataclass
 class Layer:
-    """One layer: psi and prediction are None where the job asked for no correction (open loop)."""
+    """One layer: psi is None where the job asked for no correction (open loop)."""
 
     number: int
     feed: FeedAgain | None = None
     psi: PsiAgain | None = None
-    prediction: Prediction | None = None
 
 
 @dataclass
@@ -82,8 +80,6 @@ class Tuning:
                 s = layer.feed.result
                 for a in (s.speed, s.wire_feed_speed, s.voltage, s.clamps):
                     h.update(np.ascontiguousarray(a).tobytes())
-            if layer.prediction:
-                h.update(layer.prediction.again.tobytes())
         return h.hexdigest()
 
 
@@ -100,7 +96,6 @@ def tune(
     result.maps = Mapper(record, parameters.scan_fusion).all()
     _corrections(result)
     _setpoints(result)
-    _predictions(result)
     result.seconds = time.perf_counter() - started
     return result
 
@@ -136,13 +131,3 @@ def _setpoints(result: Tuning) -> None:
             layer = Layer(again.layer)
             result.layers.append(layer)
         layer.feed = again
-
-
-def _predictions(result: Tuning) -> None:
-    after = {m.layer: m for m in result.maps}
-    for layer in result.layers:
-        if layer.psi is None or layer.feed is None:
-            continue
-        found = after.get(layer.number)
-        z = found.z.astype(float) if found and found.z.shape == layer.psi.spec.shape else None
-        layer.prediction = predict(layer.psi, layer.feed, z)

@@ -77,16 +77,6 @@ class Place(Machine):
         return self.turning.at(tips, self.middle) - self.positioner.turn_zero
 
 
-def machine_frame(place: Place, turn: float | None = None) -> np.ndarray:
-    """(4, 4): from the robot's base to machine coordinates, whether the arm reaches the box or not. turn: rad, C; None
-    = at rest."""
-    positioner, origin = place.positioner, np.array(place.origin, float)
-    level = carriage(positioner, origin + place.middle, place.tilt)
-    found = inverse(level.to_robot(np.eye(4), 0.0, -positioner.turn_zero if turn is None else turn))
-    found[:3, 3] -= origin
-    return np.asarray(found)
-
-
 def box_path(low: np.ndarray, high: np.ndarray, step: float) -> np.ndarray:
     """(N, 3) m: around the lower and then the upper face of a box, and through its middle; `step` m apart at most."""
     flat = np.array([low[:2], [high[0], low[1]], high[:2], [low[0], high[1]], low[:2]])

@@ -175,11 +175,6 @@ def summary(x: np.ndarray, width: float) -> np.ndarray:
     ])  # fmt: skip
 
 
-def alike(temperature: float) -> tuple[float, ...]:
-    """The temperature (degC) and those a step of `build` colder and warmer."""
-    return (temperature, temperature - WARM_STEP, temperature + WARM_STEP)
-
-
 def _warmth(temperature: float) -> float:
     """0 for a cold or unknown layer, 1 at 400 degC, in steps."""
     if math.isnan(temperature):
