@@ -8,10 +8,10 @@ set -euo pipefail
 cd "$(dirname "$0")"
 deep=yes; [ "${1:-}" = --warnings ] && { deep=; shift; }
 flags=(-std=c11 -O2 -Wall -Wextra -Werror -Wshadow -Wstrict-prototypes -Wconversion -Wsign-conversion -c -o /dev/null)
-include=(-Ihost -Istm32 -Ifuzz); for room in core/*/; do include+=("-I$room"); done
+include=(-Ihost -Istm32 -Itest/fuzz); for room in core/*/; do include+=("-I$room"); done
 host=("$@"); board=()
 if [ $# = 0 ]; then
-  host=(core/*/*.c host/*.c test/*.c fuzz/*.c stm32/port_usb.c)
+  host=(core/*/*.c host/*.c test/*.c test/fuzz/*.c stm32/port_usb.c)
   board=(core/*/*.c stm32/*.c)
 fi
 processor=(-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard -ffreestanding)

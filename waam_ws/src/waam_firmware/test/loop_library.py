@@ -1,4 +1,4 @@
-"""Loops of the controller as libraries of their own (host/arc_loop.c, host/standoff_loop.c)."""
+"""Loops of the controller as libraries of their own (test/arc_loop.c, test/standoff_loop.c)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The arc regulator of the core on plants of our own: k/(T s + 1) with dead time and unknown gain, steps of the
 contact-tip-to-work distance, limits, noise. The C code is the shipped one, fast tick and scheduler included
-(host/arc_loop.c)."""
+(test/arc_loop.c)."""
 
 from __future__ import annotations
 

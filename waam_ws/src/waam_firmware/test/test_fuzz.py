@@ -1,4 +1,4 @@
-"""Bytes that no honest host would send: the harnesses of fuzz/ hold after every tick what the protocol promises."""
+"""Bytes that no honest host would send: the harnesses of test/fuzz/ hold after every tick what the protocol promises."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 @pytest.mark.parametrize(('harness', 'runs'), [('gcode', 20_000), ('link', 5_000), ('core', 1_500)])
 def test_corpus_and_mutations_under_sanitizers(controller_path, harness, runs):
-    """The harnesses of fuzz/ without libFuzzer: always the same mutations, any broken promise aborts."""
+    """The harnesses of test/fuzz/ without libFuzzer: always the same mutations, any broken promise aborts."""
     program = controller_path.resolve().parent / f'fuzz_{harness}_replay'
     if not program.exists():
         pytest.skip('this compiler has no address and undefined-behaviour sanitizers')
-    corpus = Path(__file__).parents[1] / 'fuzz/corpus' / harness
+    corpus = Path(__file__).parents[1] / 'test/fuzz/corpus' / harness
     done = subprocess.run(
         [str(program), str(corpus), str(runs)],
         check=False,
