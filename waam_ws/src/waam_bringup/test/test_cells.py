@@ -104,7 +104,7 @@ ONLY_LOOK = {  # or write files of their own, on no cell and in no shop
     'status', 'plan', 'scan', 'train', 'correct', 'lab', 'lab fit', 'view', 'report', 'robot', 'audit', 'cells', 'jobs',
     'queue list', 'token list', 'notify list', 'calibrate status', 'replay tune', 'replay check',
     'cell new', 'cell check', 'cell show', 'cell diff', 'ports', 'forecast', 'completion', 'job status',
-    'record status', 'record info', 'record check', 'record recover', 'record convert',
+    'record status', 'record info', 'record check', 'record recover',
     'record import',
 }  # fmt: skip
 

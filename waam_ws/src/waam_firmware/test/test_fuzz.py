@@ -1,4 +1,4 @@
-"""Bytes that no honest host would send: the harnesses of test/fuzz/ hold after every tick what the protocol promises."""
+"""Bytes that no honest host would send: after every tick the harnesses of test/fuzz hold what the protocol promises."""
 
 from __future__ import annotations
 

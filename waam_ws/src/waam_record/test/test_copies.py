@@ -1,15 +1,14 @@
-"""convert and import: what comes out is what went in, in order, under the same names."""
+"""Reading in order, recover and import: what comes out is what went in, in order, under the same names."""
 
 import argparse
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from waam_node import cdr
 from waam_record import cli
-from waam_record.bag_copy import Selection, convert, messages
+from waam_record.bag_copy import messages
 from waam_record.bag_reader import bag_files, check, info
 from waam_record.bag_writer import BagError, BagWriter, Topic
 
@@ -45,39 +44,12 @@ def write(folder, names, offset=0, type_name='std_msgs/msg/String', qos=(), spli
     writer.close()
 
 
-def listed(folder, selection=Selection()):
-    return [
-        (t.name, m.log_time, m.sequence, m.data) for t, m in messages(bag_files(folder), selection)
-    ]
-
-
-def test_convert_keeps_every_byte_and_drops_repeats(tmp_path):
-    write(tmp_path / 'a', ['/x', '/held'], split_at=(10, 30))
-    assert info(tmp_path / 'a').topics['/held'].messages == 3
-    assert convert(tmp_path / 'a', tmp_path / 'b', compression='none') == 51
-    one, other = listed(tmp_path / 'a'), listed(tmp_path / 'b')
-    assert [m for m in one if m[0] == '/x'] == [m for m in other if m[0] == '/x']
-    assert check(tmp_path / 'b').sound
-    with open(tmp_path / 'b/b_0.mcap', 'rb') as f:
-        assert {c.compression for c in make_reader(f).get_summary().chunk_indexes} == {''}
-    assert info(tmp_path / 'b').custom_data['from'] == 'a'
-
-
-def test_convert_a_part(tmp_path):
-    write(tmp_path / 'a', ['/x', '/y', '/xx'])
-    wanted = Selection(include='x', exclude='xx', start=1.0, end=2.0)
-    convert(tmp_path / 'a', tmp_path / 'b', wanted, 'lz4')
-    found = listed(tmp_path / 'b')
-    assert [m[0] for m in found] == ['/x'] * 11
-    assert found[0][1] == 101 * S and found[-1][1] == 102 * S
-
-
 def test_a_broken_source_is_named(tmp_path):
     write(tmp_path / 'a', ['/x'])
     file = bag_files(tmp_path / 'a')[0]
     file.write_bytes(file.read_bytes()[:2000])
     with pytest.raises(BagError, match='not whole .* waam record recover'):
-        convert(tmp_path / 'a', tmp_path / 'b')
+        list(messages([file]))
 
 
 def test_unknown_compression_is_refused(tmp_path):
@@ -94,11 +66,8 @@ def run(*argv) -> int:
 
 def test_commands(tmp_path, capsys):
     write(tmp_path / 'a', ['/x', '/y'])
-    assert run('convert', tmp_path / 'a', '-o', tmp_path / 'b', '--topics', '/x') == 0
-    assert '50 messages in' in capsys.readouterr().out
-    assert run('info', tmp_path / 'b') == 0 and run('check', tmp_path / 'b') == 0
-    assert run('convert', tmp_path / 'a', '-o', tmp_path / 'b') == 1
-    assert 'exists already' in capsys.readouterr().err
+    assert run('info', tmp_path / 'a') == 0 and run('check', tmp_path / 'a') == 0
+    assert '100 messages' in capsys.readouterr().out
 
 
 def test_a_job_folder_stands_for_its_record(tmp_path, capsys):

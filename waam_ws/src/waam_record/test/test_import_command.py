@@ -10,7 +10,6 @@ from rosbags.highlevel import AnyReader
 
 from waam_node import cdr
 from waam_record import cli, import_command
-from waam_record.bag_copy import Selection
 from waam_record.bag_copy import messages as bag_messages
 from waam_record.bag_reader import check, info
 from waam_record.foreign.mapping import read_mapping
@@ -45,7 +44,7 @@ def log(tmp_path):
 def messages(path: Path):
     """topic -> (stamp, bytes)."""
     found = {}
-    for topic, message in bag_messages([path], Selection()):
+    for topic, message in bag_messages([path]):
         found.setdefault(topic.name, []).append((message.log_time, message.data))
     return found
 

@@ -110,11 +110,6 @@ class BagWriter:
         """Size of the current file so far."""
         return self._file.stream.tell()
 
-    def is_repeat(self, topic: int, publish_ns: int, sequence: int) -> bool:
-        """Whether this is the latched message that the topic held already (as after a split)."""
-        held = self._latest.get(topic)
-        return held is not None and held[:2] == (publish_ns, sequence)
-
     def add_topic(self, topic: Topic) -> int:
         """Registers a topic; the returned number is the argument of `write`."""
         self.topics.append(topic)

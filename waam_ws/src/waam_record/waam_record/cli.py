@@ -14,14 +14,13 @@ _EXAMPLES = """examples:
   waam record info jobs/latest                what is in it: topics, messages, losses, duration
   waam record check jobs/latest               reads every byte again and compares checksums and counts
   waam record recover jobs/latest             saves what is whole in a recording that was cut off
-  waam record convert jobs/latest/record -o small --regex 'height_map|correction' --start 60
   waam record import weld.csv > mapping.yaml  what the columns of somebody else's log may be, to check
   waam record import weld.csv --mapping mapping.yaml -o weld.mcap
   waam record start /tmp/record --note wire=ER70S-6                    the recorder of the graph
   waam record status                          messages, losses per topic, now
 
 A recording is a folder with MCAP files and metadata.yaml: `ros2 bag play FOLDER`, rosbags, Foxglove,
-PlotJuggler and rerun open it."""
+PlotJuggler and rerun open it; `rosbags-convert` makes a recording of some of its topics."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def register(commands: argparse._SubParsersAction, graph: Graph = Graph()) -> No
     """Adds the verb `record` with its sub-verbs."""
     parser = commands.add_parser(
         'record',
-        help='recordings: look, verify, save, convert, import; steer the recorder',
+        help='recordings: look, verify, save, import; steer the recorder',
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -1,4 +1,4 @@
-"""`waam record` on files: info, check, recover, convert, import."""
+"""`waam record` on files: info, check, recover, import."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from waam_node import job_folder
 from waam_process.cli_options import as_table
@@ -27,21 +27,6 @@ def recording(text: str) -> Path:
     return inside if not any(path.glob('*.mcap')) and any(inside.glob('*.mcap')) else path
 
 
-PART: dict[str, dict[str, Any]] = {
-    '--compression': {'choices': ('zstd', 'lz4', 'none'), 'default': 'zstd'},
-    '--topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
-    '--regex': {'default': '', 'help': 'only topics that this regular expression is found in'},
-    '--exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
-    '--start': {'type': float, 'default': 0.0, 'metavar': 'S', 'help': 'after the beginning'},
-    '--end': {
-        'type': float,
-        'default': float('inf'),
-        'metavar': 'S',
-        'help': 'after the beginning',
-    },
-}
-
-
 def register(verbs: argparse._SubParsersAction) -> None:
     """Adds the verbs that work on files."""
 
@@ -59,12 +44,6 @@ def register(verbs: argparse._SubParsersAction) -> None:
     recover = verb('recover', _recover, text)
     text = 'new folder (default: PATH with _recovered added)'
     recover.add_argument('-o', '--output', type=Path, help=text)
-    text = 'a part of a recording, or the same in another form (topics, time, compression)'
-    new = verb('convert', _convert, text)
-    for option, settings in PART.items():
-        new.add_argument(option, **settings)
-    text = 'new folder'
-    new.add_argument('-o', '--output', type=Path, required=True, metavar='FOLDER', help=text)
     import_command.register(verbs)
 
 
@@ -126,27 +105,6 @@ def _recover(args: argparse.Namespace) -> int:
         print(f'note: {text}', file=sys.stderr)
     lost = f'; {len(saved.damage)} damages, see the notes' if saved.damage else ''
     print(f'{saved.messages} messages saved in {saved.output}{lost}')
-    return 0
-
-
-def _convert(args: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from .bag_copy import Selection, convert
-    from .bag_reader import info
-
-    selection = Selection(tuple(args.topics), args.regex, args.exclude, args.start, args.end)
-    try:
-        total = info(args.path).messages
-        with Progress(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task('converting', total=total)
-            count = convert(
-                args.path, args.output, selection, args.compression, lambda n: bar.advance(task, n)
-            )
-    except (ValueError, OSError) as e:
-        return error(e)
-    print(f'{count} messages in {args.output}')
     return 0
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from waam_node import cdr, job_folder
-from waam_record.bag_copy import Selection, messages
+from waam_record.bag_copy import messages
 from waam_record.bag_reader import bag_files
 from waam_record.decode import Decoder
 
@@ -55,7 +55,7 @@ def read(path: Path) -> Recording:
     frames: list[bytes] = []
     heat: dict[str, list[tuple[float, float]]] = {}
     decoder = Decoder()
-    for topic, message in messages(bag_files(path), Selection()):
+    for topic, message in messages(bag_files(path)):
         if topic.type == TELEMETRY:
             frames.append(message.data)
         elif topic.type == TEMPERATURE:
