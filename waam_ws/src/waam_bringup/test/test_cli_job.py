@@ -159,8 +159,6 @@ def test_a_program_without_a_nominal_part_is_watched(parse, program, tmp_path):
     assert (goal.loop_mode, goal.has_part, goal.mode) == ('monitor', False, 'build')
     with pytest.raises(ValueError, match='closed_loop needs a nominal part'):
         jobs.check_arguments(parse('run', program, '--loop-mode', 'closed_loop'))
-    with pytest.raises(ValueError, match='closed_loop needs a nominal part'):
-        jobs.check_arguments(parse('run', program, '--profile', 'closed_loop'))  # the old name
     program.write_text('G77')
     with pytest.raises(ValueError, match='line 1: G77'):
         jobs.check_arguments(args)

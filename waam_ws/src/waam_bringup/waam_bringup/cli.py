@@ -13,7 +13,6 @@ from types import FrameType
 from typing import Any
 
 from waam_process.cli_options import Verbs, add_verb
-from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import GANTRY, MACHINES
 from waam_record.cli import Graph
@@ -100,11 +99,10 @@ def _register_demo(commands: Verbs) -> None:
         ('--rate', 0.0, 'simulated seconds per second at most'), *cli_graph.SIMULATED,
         ('--fresh', False, 'start without what former demos have taught (jobs/learned), and keep nothing'),
     )  # fmt: skip
-    modes = p.add_argument(
+    p.add_argument(
         '--loop-modes', nargs='+', default=[LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP], choices=LOOP_MODES,
         help='one run of each (default: open_loop closed_loop)',
     )  # fmt: skip
-    keep_old_name(p, '--profiles', modes)
     p.set_defaults(run_command=late('demo', 'demo'))
 
 

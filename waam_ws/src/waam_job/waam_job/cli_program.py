@@ -10,7 +10,6 @@ from typing import Any
 from waam_plan.cli_program import PART_HELP as PART_HELP
 from waam_plan.cli_program import add_program as add_program
 from waam_plan.settings import FINISHES as FINISHES
-from waam_process.cli_renamed import keep_old_name
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.segment import Point
 
@@ -45,12 +44,11 @@ class Asked:
 
 def add_loop_mode(p: argparse.ArgumentParser) -> None:
     """The option --loop-mode."""
-    option = p.add_argument(
+    p.add_argument(
         '--loop-mode',
         choices=LOOP_MODES,
         help='default: closed_loop; for a program without --nominal monitor',
     )
-    keep_old_name(p, '--profile', option)
 
 
 def with_finish(args: argparse.Namespace) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from waam_process.cli_options import as_table
-from waam_process.cli_renamed import keep_old_name
 
 from ..selection import TEXTS, Selection, moment
 from ..values import plain
@@ -46,11 +45,9 @@ def add_filters(p: argparse.ArgumentParser) -> None:
         'filters', "texts take * and ?, capitals do not count; '-' finds jobs without a value"
     )
     for name in TEXTS:
-        option = group.add_argument(
+        group.add_argument(
             f'--{name.replace("_", "-")}', default='', metavar='TEXT', dest=f'only_{name}'
         )
-        if name == 'loop_mode':
-            keep_old_name(group, '--profile', option)
     group.add_argument(
         '--since', metavar='TIME', help='2026-11-21, 2026-11-21T09:30 (UTC), or an age: 30d, 12h'
     )
