@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .settings import PlanSettings
 
-TURNS = 5.0  # m of x that a chuck has at least: it has no end
+TURNS = 3.4  # m of x: a chuck has no end, the longest axis of the controller has 3.5 m
 
 
 def add_shaft(p: argparse.ArgumentParser) -> None:

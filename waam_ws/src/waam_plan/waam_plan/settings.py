@@ -203,7 +203,8 @@ class PlanSettings:
                 f'shaft_diameter is {self.shaft_diameter:g}, thinner than {THINNEST:g} m is not planned'
             )
         fixed = {
-            'strategy': ('solid', 'zigzag'), 'direction': ('auto', 'y'), 'alternation': ('none', 'reverse'),
+            'strategy': ('solid', 'zigzag', 'contour', 'spiral'), 'direction': ('auto', 'x', 'y'),
+            'alternation': ('none', 'reverse'),
             'tilt_deg': (0,), 'stagger': (False,),
         }  # fmt: skip
         for name, known in fixed.items():

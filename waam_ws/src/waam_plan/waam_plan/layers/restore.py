@@ -30,7 +30,7 @@ from waam_plan.plan import (
     metal_of,
 )
 from waam_plan.settings import JUDGED_RIM, PlanSettings
-from waam_plan.shaft import lines
+from waam_plan.shaft import around, lines
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
@@ -135,7 +135,7 @@ def _plan(
     counted = np.ones(region.shape, bool)
     if settings.unrolled:  # each place of a shaft counts once
         counted &= settings.unrolled.first_turn(job.spec)
-    starts = [_starts(below), *(arc_starts(p.segments) for p in planned)]
+    starts = [_starts(below), *(lines.home_points(arc_starts(p.segments), settings) for p in planned)]
     warnings += near_starts(starts, settings.start_spread, first=0)
     judged = masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
     check_reach([s for layer in planned for s in layer.segments], settings)
@@ -331,9 +331,10 @@ def _laid(
 ) -> PlannedLayer:
     """The layer, filled as the settings say; `below` as of `_layer`."""
     if settings.unrolled:
-        chains = lines.chains_of(cover.mask, spec, settings, task.turn)
-        along = _with_edges(lines.along_axis(settings), cover)
-        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=along)
+        way = lines if settings.strategy == 'zigzag' else around
+        chains = way.chains_of(cover.mask, spec, way.filling(settings), task.turn)
+        own = _with_edges(way.filling(settings), cover)
+        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=own)
     settings = _with_edges(settings, cover)
     beyond = (cover.mask & ~task.footprint).any()
     within = sides.settings_within(settings) if beyond else settings
