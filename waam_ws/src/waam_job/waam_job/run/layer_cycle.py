@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.plan import PlannedLayer, renumber
+from waam_plan.plan import PlannedLayer, laid_share, renumber
 from waam_plan.shaft.lines import arc_paths, home, in_their_places, segments_with_copies
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
@@ -230,13 +230,16 @@ class LayerCycle:
     def _asked(
         self, layer: PlannedLayer, correction: Correction | None, segments: list[Segment]
     ) -> np.ndarray:
-        """Metal that the setpoints ask for within the limits of speed and feed, (rows, cols) m."""
+        """Metal that the setpoints ask for within the limits of layer height, speed and feed, (rows, cols) m."""
+        plan = self.program.current
+        whole = self.program.layer(layer.number)
+        own = plan.mode == 'restore' and self.context.checked.program is None
+        share = laid_share(whole, plan.spec, plan.settings) if own else 1.0
         if correction is None or self.loop_mode != LoopMode.CLOSED_LOOP:
-            return np.where(layer.planned > 0, layer.planned, 0.0)
+            return share * np.where(layer.planned > 0, layer.planned, 0.0)
         c = correction
         asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
-        plan = self.program.current
-        return driven_growth(
+        return share * driven_growth(
             asked, layer.planned, plan.spec, segments_with_copies(segments, plan.settings)
         )
 

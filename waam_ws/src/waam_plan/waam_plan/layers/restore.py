@@ -21,6 +21,7 @@ from waam_plan.layers.layer import LayerTask, lay
 from waam_plan.layers.layout import best, most_even
 from waam_plan.layers.schedule import Schedule, choose_schedule, finish_height, layer_count
 from waam_plan.plan import (
+    UNLIKE,
     Plan,
     PlanError,
     PlannedLayer,
@@ -412,7 +413,7 @@ def _warn(
             )
     for layer in planned:
         want = metal_of(layer, spec, settings)
-        if abs(layer.volume - want) > 0.03 * want:
+        if abs(layer.volume - want) > UNLIKE * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
                 '(limits of layer height)'
