@@ -25,7 +25,7 @@ EDGE_INSET = 0.28  # bead widths between the first turn and the end of the zone
 EDGE_METAL = 1.0  # of the turns along the ends of the zone over what the division gives them
 SMOOTH = 1.5e-3  # m of the turn over which the end of a zone is smoothed
 STEP = 0.5e-3  # m of x between points of a bead
-RUN_ON = 1.0  # turns along each end of the zone
+STEP_OVER = 2.5  # pitches of way around, in which a helix goes on by a pitch along the axis
 RINGS = ('contour',)  # strategies that lay closed rings
 
 
@@ -123,8 +123,10 @@ def _all_round(
         ]
     if not count:
         return [[_line(ends, window, inset, shaft, begin, np.array([0.0, 1.0]), np.full(2, 0.5))]]
-    knots = np.cumsum([0.0, RUN_ON, count, RUN_ON])
-    levels = np.array([0.0, 0.0, 1.0, 1.0])
+    over = min(STEP_OVER * settings.pitch / shaft.period, 0.25)
+    between = [over, 1.0 - over] * count
+    knots = np.cumsum([0.0, 1.0, *between[:-1], 1.0])
+    levels = np.repeat(np.arange(count + 1) / count, 2)
     if turn % 2 == 0:
         levels = 1.0 - levels
     most = max(1, int((settings.machine_max[0] - begin) / shaft.period))
