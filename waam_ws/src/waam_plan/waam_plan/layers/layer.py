@@ -10,7 +10,6 @@ from waam_plan import masks
 from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
-from waam_plan.fill.linking import spread_starts
 from waam_plan.layers.allocate import edge_surplus, metal_heights
 from waam_plan.layers.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
@@ -60,8 +59,7 @@ def lay(
     starts: (n, 2) m, arc starts of the layer below, which those of this one keep away from.
     """
     shaft = settings.unrolled
-    if not (shaft and settings.direction == 'x'):  # around a shaft the starts are spread already
-        chains = spread_starts(chains, starts, settings.start_spread)
+    chains = lines.spread(chains, starts, settings)
     pieces = path.lay_out(chains, HeightGrid(spec, task.ground), settings)
     if task.inside is not None and not shaft:
         pieces = keep_inside(pieces, task.inside)

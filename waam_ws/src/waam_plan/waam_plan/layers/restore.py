@@ -332,10 +332,10 @@ def _laid(
 ) -> PlannedLayer:
     """The layer, filled as the settings say; `below` as of `_layer`."""
     if settings.unrolled:
-        way = lines if settings.strategy == 'zigzag' else around
-        chains = way.chains_of(cover.mask, spec, way.filling(settings), task.turn)
-        own = _with_edges(way.filling(settings), cover)
-        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=own)
+        settings = around.filling(settings)
+        chains = around.chains_of(cover.mask, spec, settings, task.turn)
+        settings = replace(settings, direction=around.direction_of(chains))
+        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=settings)
     settings = _with_edges(settings, cover)
     beyond = (cover.mask & ~task.footprint).any()
     within = sides.settings_within(settings) if beyond else settings

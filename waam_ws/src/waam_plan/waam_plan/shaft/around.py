@@ -1,8 +1,10 @@
-"""Beads around a shaft: the shaft turns under the torch, which moves slowly along the axis.
+"""Paths of the beads of a shaft that turns.
 
-A zone that goes all round is one helix without a start in between: a full turn at its lower end, the helix, a full turn
-at its upper end. Its x runs on from turn to turn. Or it is rings, each closed in itself, starts spread over the turn. A
-zone that leaves a part of the turn free is laid in arcs to and fro, filled from the middle of what is free.
+A zone that goes all round is one helix without a start in between: a full turn at its one end, and after every turn a
+step along the axis, up to a full turn at its other end. Its x runs on from turn to turn. (A helix of constant slope
+leaves a wedge at both ends, where two turns lie on one another all around; closed rings have a start each.) A zone that
+leaves a part of the turn free is hatched along its longer side, from the middle of what is free, so that no edge lies
+at the seam.
 """
 
 from __future__ import annotations
@@ -20,13 +22,13 @@ from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.unrolled import OVERLAP, Unrolled
 
-GOLDEN = 0.381966  # share of a turn between starts, so that any number of them is spread
+GOLDEN = 0.381966  # of a turn between the starts of neighbouring layers, so that any number of them is spread
 EDGE_INSET = 0.28  # bead widths between the first turn and the end of the zone
-EDGE_METAL = 1.0  # of the turns along the ends of the zone over what the division gives them
+EDGE_METAL = 1.0  # of beads along the edge over what the division gives them
 SMOOTH = 1.5e-3  # m of the turn over which the end of a zone is smoothed
-STEP = 0.5e-3  # m of x between points of a bead
-STEP_OVER = 2.5  # pitches of way around, in which a helix goes on by a pitch along the axis
-RINGS = ('contour',)  # strategies that lay closed rings
+STEP = 0.5e-3  # m of x between points of a helix
+STEP_OVER = 2.5  # pitches of the way around, in which a helix goes on by a pitch along the axis
+MOST_OVER = 0.25  # turns, of the same
 
 
 @dataclass(frozen=True)
@@ -44,28 +46,48 @@ class Ends:
 
 def filling(settings: PlanSettings) -> PlanSettings:
     """The settings with which a layer of a shaft is filled."""
-    inset = settings.ring_inset or EDGE_INSET
     return replace(
-        settings, direction='x', ring_inset=inset, edge_metal=settings.edge_metal or EDGE_METAL
+        settings,
+        ring_inset=settings.ring_inset or EDGE_INSET,
+        edge_metal=settings.edge_metal or EDGE_METAL,
     )
 
 
 def chains_of(mask: np.ndarray, spec: GridSpec, settings: PlanSettings, turn: int) -> list[Chain]:
-    """Chains (m, work frame; x of helices and rings runs on beyond the first turn) that cover the cells `mask` (rows,
-    cols) of a plate; turn: what the place of the start and the direction along the axis alternate by."""
+    """Chains (m, work frame, x running on beyond the first turn) that cover the cells `mask` (rows, cols) of a plate.
+
+    settings: of `filling`; strategy zigzag or direction y: lines along the axis everywhere. turn: what the place of the
+    start and the direction along the axis alternate by.
+    """
     shaft = settings.unrolled
     assert shaft is not None
     first = shaft.first_turn(spec)
     on = mask[:, first]
-    window = GridSpec(float(spec.x[first][0]) - spec.resolution / 2, spec.origin_y, spec.resolution,
-                      spec.rows, on.shape[1])  # fmt: skip
+    edge = float(spec.x[first][0]) - spec.resolution / 2
+    window = GridSpec(edge, spec.origin_y, spec.resolution, spec.rows, on.shape[1])
+    lines = settings.strategy == 'zigzag' or settings.direction == 'y'
     chains: list[Chain] = []
     for island in islands_around(on):
-        if (ends := ends_of(island, window)) is not None:
-            chains += _all_round(ends, window, settings, shaft, turn)
+        ends = None if lines else ends_of(island, window)
+        if ends is None:
+            chains += _hatched(
+                island, window, replace(settings, direction='y') if lines else settings, turn
+            )
         else:
-            chains += _arcs(island, window, settings, shaft, turn)
+            chains += _Helix(ends, window, settings, shaft).chains(turn)
     return chains
+
+
+def direction_of(chains: list[Chain]) -> str:
+    """'x' or 'y': what most of the way of some chains runs along."""
+    steps = [np.abs(np.diff(line, axis=0)).sum(axis=0) for chain in chains for line in chain]
+    along = np.sum(steps, axis=0) if steps else np.zeros(2)
+    return 'x' if along[0] >= along[1] else 'y'
+
+
+def goes_round(chain: Chain, shaft: Unrolled) -> bool:
+    """Whether a chain is a helix, or a part of one."""
+    return bool(chain[-1][-1, 0] - chain[0][0, 0] > 0.99 * shaft.period)
 
 
 def islands_around(on: np.ndarray) -> list[np.ndarray]:
@@ -104,95 +126,85 @@ def ends_of(island: np.ndarray, window: GridSpec) -> Ends | None:
     return Ends(*edges)
 
 
-def _all_round(
-    ends: Ends, window: GridSpec, settings: PlanSettings, shaft: Unrolled, turn: int
-) -> list[Chain]:
-    """Helix or rings between both ends of a zone."""
-    inset = settings.ring_inset * settings.bead_width
-    room = ends.width - 2 * inset
-    count = max(1, math.ceil(room / settings.pitch - 0.1)) if room > 0.4 * settings.pitch else 0
-    begin = OVERLAP + shaft.period * ((turn * GOLDEN) % 1.0)
-    if settings.strategy in RINGS:
-        shares = [np.full(2, k / count if count else 0.5) for k in range(count + 1)]
+@dataclass(frozen=True)
+class _Helix:
+    """Between both ends of a zone that goes all round."""
+
+    ends: Ends
+    window: GridSpec
+    settings: PlanSettings
+    shaft: Unrolled
+
+    def chains(self, turn: int) -> list[Chain]:
+        """One chain, or several where the axis of the machine is not long enough for all turns."""
+        s, shaft = self.settings, self.shaft
+        room = self.ends.width - 2 * self.inset
+        count = max(1, math.ceil(room / s.pitch - 0.1)) if room > 0.4 * s.pitch else 0
+        begin = OVERLAP + shaft.period * ((turn * GOLDEN) % 1.0)
+        knots, levels = steps(count, min(STEP_OVER * s.pitch / shaft.period, MOST_OVER))
         if turn % 2 == 0:
-            shares.reverse()
-        starts = [OVERLAP + (begin - OVERLAP + k * GOLDEN * shaft.period) % shaft.period for k in range(count + 1)]  # fmt: skip
-        return [
-            [_line(ends, window, inset, shaft, x, np.array([0.0, 1.0]), share)]
-            for x, share in zip(starts, shares, strict=True)
-        ]
+            levels = 1.0 - levels
+        most = max(1, int((s.machine_max[0] - OVERLAP) / shaft.period) - 1)
+        return self._cut(knots, levels, begin, most)
+
+    @property
+    def inset(self) -> float:
+        """m of the first turn from the end of the zone."""
+        return self.settings.ring_inset * self.settings.bead_width
+
+    def _cut(self, knots: np.ndarray, levels: np.ndarray, begin: float, most: int) -> list[Chain]:
+        """Chains of at most `most` turns, one line per turn, from x = `begin`. knots, levels: of `steps`."""
+        chains: list[Chain] = []
+        at, x = 0.0, begin
+        while at < knots[-1] - 1e-9:
+            chain: Chain = []
+            until = min(at + most, float(knots[-1]))
+            while at < until - 1e-9:
+                to = min(at + 1.0, until)
+                turns = np.unique(np.concatenate([[at, to], knots[(knots > at) & (knots < to)]]))
+                chain.append(self._line(x, turns - at, np.interp(turns, knots, levels)))
+                x += (to - at) * self.shaft.period
+                at = to
+            chains.append(chain)
+            x = float(self.shaft.folded(x))
+        return chains
+
+    def _line(self, x: float, turns: np.ndarray, level: np.ndarray) -> np.ndarray:
+        """(n, 2) m: from x on, at `level` (m,) of the way along the axis after `turns` (m,)."""
+        count = max(2, math.ceil(turns[-1] * self.shaft.period / STEP) + 1)
+        t = np.union1d(np.linspace(0.0, turns[-1], count), turns)
+        at = x + t * self.shaft.period
+        column = (self.shaft.folded(at) - self.window.x[0]) / self.window.resolution
+        cells = np.arange(len(self.ends.low))
+        low, high = (
+            np.interp(column, cells, e, period=len(cells)) for e in (self.ends.low, self.ends.high)
+        )
+        inner = np.minimum(self.inset, (high - low) / 2)
+        return np.column_stack(
+            [at, low + inner + np.interp(t, turns, level) * (high - low - 2 * inner)]
+        )
+
+
+def steps(count: int, over: float) -> tuple[np.ndarray, np.ndarray]:
+    """Of a helix with `count` steps along the axis, each over `over` turns: knots (n,) in turns, and levels (n,) there,
+    the share of the way along the axis. It stays a full turn at both ends, and a turn from step to step."""
     if not count:
-        return [[_line(ends, window, inset, shaft, begin, np.array([0.0, 1.0]), np.full(2, 0.5))]]
-    over = min(STEP_OVER * settings.pitch / shaft.period, 0.25)
+        return np.array([0.0, 1.0]), np.array([0.5, 0.5])
     between = [over, 1.0 - over] * count
     knots = np.cumsum([0.0, 1.0, *between[:-1], 1.0])
-    levels = np.repeat(np.arange(count + 1) / count, 2)
-    if turn % 2 == 0:
-        levels = 1.0 - levels
-    most = max(1, int((settings.machine_max[0] - begin) / shaft.period))
-    return _cut(knots, levels, ends, window, inset, shaft, begin, most)
+    return knots, np.repeat(np.arange(count + 1) / count, 2)
 
 
-def _cut(
-    knots: np.ndarray,
-    levels: np.ndarray,
-    ends: Ends,
-    window: GridSpec,
-    inset: float,
-    shaft: Unrolled,
-    begin: float,
-    most: int,
+def _hatched(
+    island: np.ndarray, window: GridSpec, settings: PlanSettings, turn: int
 ) -> list[Chain]:
-    """A helix in chains of at most `most` turns, which the axis of the machine can make in one go; one line per turn.
-    knots: (n,) turns, levels: (n,) share of the way along the axis there."""
-    chains: list[Chain] = []
-    at, x = 0.0, begin
-    while at < knots[-1] - 1e-9:
-        chain: Chain = []
-        until = min(at + most, float(knots[-1]))
-        while at < until - 1e-9:
-            to = min(at + 1.0, until)
-            turns = np.unique(np.concatenate([[at, to], knots[(knots > at) & (knots < to)]]))
-            chain.append(_line(ends, window, inset, shaft, x, turns - at, np.interp(turns, knots, levels)))  # fmt: skip
-            x += (to - at) * shaft.period
-            at = to
-        chains.append(chain)
-        x = float(shaft.folded(x))
-    return chains
-
-
-def _line(
-    ends: Ends,
-    window: GridSpec,
-    inset: float,
-    shaft: Unrolled,
-    x: float,
-    turns: np.ndarray,
-    share: np.ndarray,
-) -> np.ndarray:
-    """(n, 2) m: from x on, at `share` (m,) of the way along the axis after `turns` (m,)."""
-    count = max(2, math.ceil(turns[-1] * shaft.period / STEP) + 1)
-    t = np.union1d(np.linspace(0.0, turns[-1], count), turns)
-    at = x + t * shaft.period
-    column = (shaft.folded(at) - window.x[0]) / window.resolution
-    cells = np.arange(len(ends.low))
-    low, high = (np.interp(column, cells, e, period=len(cells)) for e in (ends.low, ends.high))
-    inner = np.minimum(inset, (high - low) / 2)
-    v = np.interp(t, turns, share)
-    return np.column_stack([at, low + inner + v * (high - low - 2 * inner)])
-
-
-def _arcs(
-    island: np.ndarray, window: GridSpec, settings: PlanSettings, shaft: Unrolled, turn: int
-) -> list[Chain]:
-    """Lines around the shaft, to and fro, of an island that leaves a part of the turn free; its x may run on beyond the
-    first turn."""
+    """Lines to and fro, from the middle of what an island leaves free of the turn; direction as the settings say, auto
+    along the longer side."""
     begin = free_column(np.asarray(island.any(axis=0)))
-    rolled = np.roll(island, -begin, axis=1)
     x = window.origin_x + begin * window.resolution
     turned = GridSpec(x, window.origin_y, window.resolution, window.rows, window.cols)
-    chains, _ = path.hatch_region(rolled, turned, replace(settings, strategy='zigzag'), turn)
-    return chains
+    cells = np.roll(island, -begin, axis=1)
+    return path.hatch_region(cells, turned, replace(settings, strategy='zigzag'), turn)[0]
 
 
 def free_column(used: np.ndarray) -> int:

@@ -1,66 +1,42 @@
-"""Beads of a shaft: lines along its axis, evenly divided over the turn, so that the last one meets the first.
+"""Beads of a shaft on its plate.
 
-A layer lies in the first turn; every bead has copies of itself a turn aside, as far as the plate shows them. Copies are
-never laid: they stand for the neighbours that a bead has over the seam, in the division of the metal and in what the
-correction is told.
+The x of a bead runs on over the seam, as far as it goes around. What is divided, sampled or told lies in the first
+turn, with copies a turn aside as far as the plate shows them. Copies are never laid: they stand for the neighbours that
+a bead has over the seam, in the division of the metal and in what the correction is told.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
+from waam_plan.fill.linking import spread_starts
 from waam_plan.fill.path import Pieces
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
-from waam_plan.shaft.around import free_column
-from waam_process.grid import GridSpec
+from waam_plan.shaft.around import goes_round
 from waam_process.segment import Kind, Segment
-from waam_process.unrolled import OVERLAP, Unrolled
+from waam_process.unrolled import Unrolled
 
 EDGE = 1e-3  # m: a map does not know its height nearer than half a cell to the edge of the plate
 
 
-def filling(settings: PlanSettings) -> PlanSettings:
-    """The settings with which a layer of a shaft is filled."""
-    return replace(settings, strategy='zigzag', direction='y')
-
-
-def chains_of(mask: np.ndarray, spec: GridSpec, settings: PlanSettings, turn: int) -> list[Chain]:
-    """Chains (m, work frame) of the first turn that cover the cells `mask` (rows, cols) of a plate; turn: what
-    directions alternate by.
-
-    A layer that leaves a part of the turn free is filled from there, so that no edge lies at the seam.
-    """
+def spread(chains: list[Chain], starts: np.ndarray, settings: PlanSettings) -> list[Chain]:
+    """`linking.spread_starts`; a helix begins where it does, for it runs on around the shaft. starts: (n, 2) m."""
     shaft = settings.unrolled
-    assert shaft is not None
-    first = shaft.first_turn(spec)
-    on = mask[:, first]
-    begin = free_column(np.asarray(on.any(axis=0)))
-    x = spec.x[first][0] - spec.resolution / 2 + begin * spec.resolution
-    window = GridSpec(float(x), spec.origin_y, spec.resolution, spec.rows, on.shape[1])
-    rolled = np.roll(on, -begin, axis=1)
-    if not rolled.any():
-        return []
-    chains, _ = path.hatch_region(rolled, window, filling(settings), turn)
-    return [part for chain in chains for part in _folded(chain, shaft)]
-
-
-def _folded(chain: Chain, shaft: Unrolled) -> list[Chain]:
-    """The chain in the first turn; two where it crosses the seam."""
-    out: list[Chain] = []
-    before: int | None = None
-    for line in chain:
-        turns = int(np.floor((line[:, 0].mean() - OVERLAP) / shaft.period))
-        if turns != before:
-            out.append([])
-        out[-1].append(line - (turns * shaft.period, 0.0))
-        before = turns
-    return out
+    if shaft is None:
+        return spread_starts(chains, starts, settings.start_spread)
+    again = np.concatenate(
+        [home_points(starts, settings) + (k * shaft.period, 0.0) for k in (0, 1)]
+    )
+    return [
+        chain
+        if goes_round(chain, shaft)
+        else spread_starts([chain], again, settings.start_spread)[0]
+        for chain in chains
+    ]
 
 
 def shown(pieces: Pieces, shaft: Unrolled) -> Pieces:
@@ -69,14 +45,21 @@ def shown(pieces: Pieces, shaft: Unrolled) -> Pieces:
     home = shaft.folded(middle) - middle
     parts = [_moved(pieces, home)]
     for step in (-shaft.period, shaft.period):
-        low, high = (f(pieces.start[:, 0], pieces.end[:, 0]) + home + step for f in (np.minimum, np.maximum))
+        low, high = (
+            f(pieces.start[:, 0], pieces.end[:, 0]) + home + step for f in (np.minimum, np.maximum)
+        )
         on = np.flatnonzero((low >= EDGE) & (high <= shaft.length_x - EDGE))
         copy = _moved(pieces, home + step)
         first = np.diff(on, prepend=-2) > 1  # where the copies of a chain come onto the plate
         first[1:] |= np.diff(pieces.chain[on]) != 0
         chain = np.cumsum(first) + parts[-1].chain.max(initial=0)
         parts.append(Pieces(copy.start[on], copy.end[on], copy.bead[on], chain))
-    return Pieces(*(np.concatenate([getattr(p, name) for p in parts]) for name in ('start', 'end', 'bead', 'chain')))
+    return Pieces(
+        *(
+            np.concatenate([getattr(p, name) for p in parts])
+            for name in ('start', 'end', 'bead', 'chain')
+        )
+    )
 
 
 def _moved(pieces: Pieces, step: np.ndarray) -> Pieces:
@@ -87,7 +70,9 @@ def _moved(pieces: Pieces, step: np.ndarray) -> Pieces:
 
 def first_of(pieces: Pieces, count: int) -> Pieces:
     """The first `count` pieces: without the copies."""
-    return Pieces(pieces.start[:count], pieces.end[:count], pieces.bead[:count], pieces.chain[:count])
+    return Pieces(
+        pieces.start[:count], pieces.end[:count], pieces.bead[:count], pieces.chain[:count]
+    )
 
 
 def on_shaft(segments: list[Segment], shaft: Unrolled) -> list[Segment]:
