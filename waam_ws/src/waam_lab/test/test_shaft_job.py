@@ -91,8 +91,8 @@ def test_what_a_layer_was_asked_for_counts_what_its_segments_carry(tmp_path):
     on = SHAFT.first_turn(r.maps.spec) & (first.planned > 0)
     grown, asked = (second.z - first.z)[on], told.growth[on]
     seen = np.isfinite(grown)
-    assert asked.sum() > 1.08 * first.planned[on].sum()
-    assert 0.8 < grown[seen].sum() / asked[seen].sum() < 1.0
+    assert asked.sum() > 1.2 * first.planned[on].sum()
+    assert 0.8 < grown[seen].sum() / asked[seen].sum() < 0.97
 
 
 def test_a_plan_is_the_plan_of_a_job(scan, closed):

@@ -116,6 +116,13 @@ def home(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
     return out
 
 
+def drawn(segments: list[Segment], settings: PlanSettings) -> list[Segment]:
+    """The segments for a picture: of a shaft in the first turn, without its turns back."""
+    shaft = settings.unrolled
+    here = home(segments, settings)
+    return here if shaft is None else [s for s in here if s.length < shaft.period / 2]
+
+
 def in_their_places(changed: list[Segment], segments: list[Segment]) -> list[Segment]:
     """The segments `changed`, which `home` had moved, where they were."""
     return [
