@@ -158,12 +158,14 @@ def _draw_layer(plan: Plan, layer: PlannedLayer, axis: Axes) -> None:
         if not runs or runs[-1][0] != s.arc or math.dist(runs[-1][1][-1], s.start) > APART:
             runs.append((s.arc, [s.start]))
         runs[-1][1].append(s.end)
-    for arc, points in runs:
+    burning = [False, *(arc for arc, _ in runs), False]
+    for k, (arc, points) in enumerate(runs):
         line = np.array(points)[:, :2] * 1e3
         axis.plot(
             *line.T, '-' if arc else '--', c='tab:blue' if arc else 'gray', lw=0.9 if arc else 0.6
         )
-        if arc:
+        if arc and not burning[k]:
             axis.plot(*line[0], 'o', c='tab:green', ms=4)
+        if arc and not burning[k + 2]:
             axis.plot(*line[-1], 's', c='tab:red', ms=3)
     axis.set_aspect('equal')

@@ -101,7 +101,7 @@ def islands_around(on: np.ndarray) -> list[np.ndarray]:
         return k
 
     n = len(on)
-    for row in np.flatnonzero(on[:, -1]):
+    for row in np.flatnonzero(on[:, -1]).tolist():
         for beside in range(max(row - 1, 0), min(row + 2, n)):
             if on[beside, 0]:
                 same[root(int(labels[row, -1]))] = root(int(labels[beside, 0]))
