@@ -78,11 +78,11 @@ def first_of(pieces: Pieces, count: int) -> Pieces:
 def on_shaft(segments: list[Segment], shaft: Unrolled) -> list[Segment]:
     """Deposits with the width that their beads have on the shaft: `share` of that on the plate, at half of their
     height, which is the metal between two radii over that of a plate of the same thickness."""
+    middle = np.array([s.midpoint[2] + s.height / 2 for s in segments])
+    shares = shaft.share(middle).tolist()
     return [
-        s.at(width=s.width * float(shaft.share(s.midpoint[2] + s.height / 2)))
-        if s.kind == Kind.DEPOSIT
-        else s
-        for s in segments
+        s.at(width=s.width * share) if s.kind == Kind.DEPOSIT else s
+        for s, share in zip(segments, shares, strict=True)
     ]
 
 
