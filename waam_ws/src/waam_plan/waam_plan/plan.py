@@ -18,6 +18,7 @@ from waam_process.segment import Kind, Point, Segment
 
 UNLIKE = 0.03  # share by which the metal of the segments of a layer may differ from what is planned
 
+
 class PlanError(ValueError):
     """A plan that cannot be made; the text says what, where and what to do."""
 

@@ -59,7 +59,9 @@ class AskedMetal(LayerObserver):
     def begin(self, work: SetLayer) -> None:
         """The first record."""
         settings = self.context.plan_settings()
-        self.altered = AlteredMetal(home(work.segments, settings), home(list(self.earlier), settings))
+        self.altered = AlteredMetal(
+            home(work.segments, settings), home(list(self.earlier), settings)
+        )
         spec, asked = work.scan.map.spec, work.asked
         if self.on_record is not None:
             asked = self.altered.with_earlier(asked, self.on_record, spec)

@@ -136,7 +136,10 @@ def _plan(
     counted = np.ones(region.shape, bool)
     if settings.unrolled:  # each place of a shaft counts once
         counted &= settings.unrolled.first_turn(job.spec)
-    starts = [_starts(below), *(lines.home_points(arc_starts(p.segments), settings) for p in planned)]
+    starts = [
+        _starts(below),
+        *(lines.home_points(arc_starts(p.segments), settings) for p in planned),
+    ]
     warnings += near_starts(starts, settings.start_spread, first=0)
     judged = masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
     check_reach([s for layer in planned for s in layer.segments], settings)
