@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from waam_adapt import conversions as convert
+from waam_bringup.cli import main
 from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_lab import restore_shaft, run
 from waam_lab.shaft import figures
@@ -165,3 +167,25 @@ def test_worn_shafts_are_worn_between_their_ends(wear):
     assert np.allclose(found.z[ends], 0.0, atol=1e-12)
     assert -3.01e-3 < found.z.min() < -2.7e-3 and found.z.max() <= 1e-12
     assert found.spec.extent[1] == pytest.approx(math.pi * 0.08)
+
+
+def test_a_shaft_is_foretold(scan, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv('WAAM_JOBS', str(tmp_path / 'jobs'))
+    asked = [
+        scan,
+        '--shaft',
+        40,
+        '--ends',
+        14,
+        '--finish',
+        'machined',
+        '--cells',
+        1,
+        '--out',
+        tmp_path,
+    ]
+    assert main(['forecast', *map(str, asked)]) in (0, 1)
+    found = json.loads((tmp_path / 'forecast.json').read_text())
+    assert found['verdict'] in capsys.readouterr().out
+    assert 0.3 < found['figures']['stock_mean_mm']['value'] < 2.0
+    assert 0.9 < found['figures']['clean_share']['value'] <= 1.0

@@ -32,6 +32,7 @@ examples:
   waam forecast part.stl --as-found worn.stl                     within ±0.2 mm as laid?
   waam forecast part.stl --as-found worn.stl --finish machined   does it clean up, and how much is to be machined?
   waam forecast bracket.stl --mode build --tolerance 0.3
+  waam forecast worn.npz --shaft 80 --ends 20                    a worn shaft that turns
   waam forecast part.stl --as-found worn.stl --cell-file mycell.yaml   on the cell that `waam lab fit` has found
 
 The job is run in the laboratory on cells that differ in metal, arc and scanner, up to a minute. Where it fails it is
@@ -195,7 +196,9 @@ def write(f: Forecast, facts: dict, out: Path | None) -> list[Path]:
 
     from . import pictures
 
-    places = [forecasts.folder_of(check(f.job.goal))] + ([out] if out else [])
+    places = [forecasts.folder_of(check(f.job.goal, chuck=f.job.shaft_diameter > 0))] + (
+        [out] if out else []
+    )
     maps, tolerance = f.maps, f.job.goal.tolerance
     for folder in places:
         folder.mkdir(parents=True, exist_ok=True)
