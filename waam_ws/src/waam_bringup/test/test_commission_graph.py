@@ -74,7 +74,7 @@ def test_a_cell_that_is_off_is_measured_and_passes(tmp_path, capfd):
     found = {name: e.outcome for name, e in again.book.entries.items()}
     assert found['skew'].checks[0].value == pytest.approx(0.18, abs=0.02)
     assert [c.value for c in found['signals'].checks] == pytest.approx([1.048, 0.953], abs=0.01)
-    assert found['wire'].checks[0].value == pytest.approx(100 * (1 / 1.041 - 1), abs=0.7)
+    assert found['wire'].checks[0].value == pytest.approx(100 * (1 / 1.041 - 1), abs=0.2)
     assert hand.asked.count('directions.z') == 1 and len(hand.asked) <= 31
     assert cli.main(['commission', NAME, '--list']) == 0
     assert f'{len(BUILT)} of {len(BUILT)} steps passed' in capfd.readouterr().out

@@ -42,6 +42,7 @@ from waam_node.files import write_atomically
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import get
 from waam_process.segment import Clamp, Kind, Segment
+from waam_process.unrolled import Unrolled
 
 
 def test_all_problems_are_said_at_once(tmp_path):
@@ -131,6 +132,19 @@ def test_torch_follows_the_surface_and_the_chain_holds():
     assert a.start == down.start and c.end == up.end
     assert a.end == b.start and b.end == c.start
     assert b.start[2] == pytest.approx(5e-3) and b.end[2] == pytest.approx(5e-3)
+
+
+def test_the_torch_follows_the_surface_of_a_shaft_in_every_turn():
+    shaft = Unrolled(0.040)
+    spec = GridSpec(0, 0, 1e-3, 20, round(shaft.length_x / 1e-3))
+    z = 10e-3 + 0.5e-3 * np.cos(shaft.angle(spec.x)) * np.ones((20, 1))
+    x = [0.05 + turns * shaft.period for turns in range(3)]
+    ends = [((v, 0.01, 10e-3), (v + 2e-3, 0.01, 10e-3)) for v in x]
+    beads = [Segment(k, Kind.DEPOSIT, a, b, 0.01, arc=True) for k, (a, b) in enumerate(ends)]
+    moved = follow(beads, HeightGrid(spec, z), 1e-3, shaft)
+    assert [s.start[:2] for s in moved] == [s.start[:2] for s in beads]
+    wanted = 10e-3 + 0.5e-3 * np.cos(shaft.angle(0.05))
+    assert [s.start[2] for s in moved] == pytest.approx([wanted] * 3, abs=1e-5)
 
 
 def test_the_floor_beside_a_thin_wall_does_not_draw_the_torch_down():

@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from waam_plan import finish, masks
 from waam_plan.plan import Plan
+from waam_plan.shaft.lines import home_points
 
 from .job import LabMaps
 
@@ -58,7 +59,7 @@ def _ends(plan: Plan) -> np.ndarray:
     """bool: cells in which an arc of the last layer is lit or put out."""
     out, spec = np.zeros(plan.spec.shape, bool), plan.spec
     for path in plan.layers[-1].arc_paths if plan.layers else ():
-        for x, y in (path[0], path[-1]):
+        for x, y in home_points(path[[0, -1]], plan.settings):
             row = round((y - spec.y[0]) / spec.resolution)
             col = round((x - spec.x[0]) / spec.resolution)
             if 0 <= row < spec.rows and 0 <= col < spec.cols:

@@ -59,20 +59,20 @@ def register(
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_part(p)
-    cli_shaft.add_shaft(p)
     _add_process(p)
     _add_campaign(p)
     p.set_defaults(run_command=_run, of_cell=of_cell)
     cli_fit.register(commands)
     p = cli_forecast.register(commands, _add_part)
     _add_process(p)
-    p.set_defaults(of_cell=of_cell, jobs_dir=jobs_dir, shaft=None, ends=None)
+    p.set_defaults(of_cell=of_cell, jobs_dir=jobs_dir)
 
 
 def _add_part(p: argparse.ArgumentParser) -> None:
     p.add_argument('part', type=Path, help=PART_HELP)
     add_program(p)
     p.add_argument('--as-found', type=Path, help='mesh or cloud of the worn part on the table')
+    cli_shaft.add_shaft(p)
     p.add_argument(
         '--mode', choices=('restore', 'build'), help='default: restore with --as-found, else build'
     )

@@ -32,10 +32,12 @@ examples:
   waam forecast part.stl --as-found worn.stl                     within ±0.2 mm as laid?
   waam forecast part.stl --as-found worn.stl --finish machined   does it clean up, and how much is to be machined?
   waam forecast bracket.stl --mode build --tolerance 0.3
+  waam forecast worn.npz --shaft 80 --ends 20                    a worn shaft that turns
   waam forecast part.stl --as-found worn.stl --cell-file mycell.yaml   on the cell that `waam lab fit` has found
 
 The job is run in the laboratory on cells that differ in metal, arc and scanner, up to a minute. Where it fails it is
-said why, and other layouts are tried on the same cells: finish machined, narrower beads, thinner last layers.
+said why, and other layouts are tried on the same cells: finish machined, narrower beads, parallel
+beads.
 Written: forecast.json and forecast.png, into --out and beside the jobs, where the report of the same job finds them.
 
 exit status: 0 it will succeed, 1 it will not, 2 refused, 130 ended with Ctrl-C
@@ -109,7 +111,8 @@ def foretell(
     if not first.fails or spent + spent / rounds > SECONDS:
         return replace(first, seconds=spent)
     few = jobs[:FIRST_LOOK]
-    ways = [(one, layouts.laid(j, one)) for one in layouts.others(job) for j in few]
+    # cell by cell, so that every layout gets its turn
+    ways = [(one, layouts.laid(j, one)) for j in few for one in layouts.others(job)]
     found = _within([j for _, j in ways], workers, 'other layouts', until) if ways else {}
     tried = [
         layouts.Trial(one, tuple(r for i, r in found.items() if ways[i][0] == one))
@@ -193,7 +196,9 @@ def write(f: Forecast, facts: dict, out: Path | None) -> list[Path]:
 
     from . import pictures
 
-    places = [forecasts.folder_of(check(f.job.goal))] + ([out] if out else [])
+    places = [forecasts.folder_of(check(f.job.goal, chuck=f.job.shaft_diameter > 0))] + (
+        [out] if out else []
+    )
     maps, tolerance = f.maps, f.job.goal.tolerance
     for folder in places:
         folder.mkdir(parents=True, exist_ok=True)

@@ -36,7 +36,7 @@ from .job import LabJob, LabResult
 from .operator import Operator
 from .watch import LayerWatch
 
-CHUCK_RUN = 0.05  # m of x beyond the plate of a shaft, for the ends of the scanner's passes
+LONGEST_X = 3.5  # m, the longest axis of the controller: several turns of a shaft
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
@@ -79,11 +79,10 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
 
 
 def _with_chuck(job: LabJob, checked: Checked, known: params.LabParams) -> params.LabParams:
-    """With an X axis that is as long as the turns of a shaft need: a chuck has no end."""
+    """With an X axis for some turns of a shaft: a chuck has no end, the controller's longest axis has."""
     if checked.shaft is None:
         return known
-    long = known.cell.work_zero[0] + checked.shaft.length_x + CHUCK_RUN
-    return params.make({'bridge': {'envelope_x': long}}, job.overrides, preset=job.preset)
+    return params.make({'bridge': {'envelope_x': LONGEST_X}}, job.overrides, preset=job.preset)
 
 
 def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) -> Plant:

@@ -26,17 +26,17 @@ class Layout:
 
     name: str
     width: float = 1.0  # bead width over that of the job
+    strategy: str = ''  # how layers are filled; '' = as the job has it
     settings: tuple[str, ...] = ()  # of the planner
 
 
 ASKED = Layout('as asked')
-FINISH = ('finish_layers=4', 'finish_growth=1.2')
 MACHINING = (f'finish={MACHINED}',)
 OTHERS = (
-    Layout('finish machined', 1.0, MACHINING),
-    Layout('narrow beads', 5 / 6),
-    Layout('growing finish', 1.0, FINISH),
-    Layout('narrow beads, growing finish', 5 / 6, FINISH),
+    Layout('finish machined', settings=MACHINING),
+    Layout('narrow beads', 0.7),
+    Layout('parallel beads', strategy='zigzag'),
+    Layout('narrow parallel beads', 0.75, 'zigzag'),
 )
 
 
@@ -45,12 +45,9 @@ def others(job: LabJob) -> tuple[Layout, ...]:
     if job.goal.program is not None:
         return ()
     own = _own(job)
-    able = [
-        one
-        for one in OTHERS
-        if one.settings != MACHINING
-        or (job.goal.mode == 'restore' and not job.goal.allowance and 'finish' not in own)
-    ]
+    able = [one for one in OTHERS if not (one.strategy and job.goal.strategy)]
+    if job.goal.mode != 'restore' or job.goal.allowance or 'finish' in own:
+        able = [one for one in able if one.settings != MACHINING]
     return tuple(one for one in able if laid(job, one) != job)
 
 
@@ -66,7 +63,10 @@ def laid(job: LabJob, layout: Layout) -> LabJob:
     if layout.width != 1.0:
         width = round(layout.width * (width or get(goal.material).bead_width), 6)
     settings = (*goal.plan_settings, *added)
-    return replace(job, goal=replace(goal, bead_width=width, plan_settings=settings))
+    strategy = goal.strategy or layout.strategy
+    return replace(
+        job, goal=replace(goal, bead_width=width, strategy=strategy, plan_settings=settings)
+    )
 
 
 @dataclass(frozen=True)
@@ -117,6 +117,8 @@ def options(job: LabJob, layout: Layout) -> list[str]:
     words = []
     if goal.bead_width != job.goal.bead_width:
         words += ['--bead-width', f'{goal.bead_width * 1e3:g}']
+    if goal.strategy != job.goal.strategy:
+        words += ['--strategy', goal.strategy]
     for text in goal.plan_settings[len(job.goal.plan_settings) :]:
         words += ['--finish', MACHINED] if text in MACHINING else ['--set', text]
     return words

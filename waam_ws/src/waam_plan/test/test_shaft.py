@@ -57,8 +57,9 @@ def all_round(tmp_path):
     return planned(write(tmp_path / 'worn.npz', eccentric))[0]
 
 
-def test_lines_are_evenly_divided_over_the_turn(all_round):
-    last = all_round.layers[-1]
+def test_lines_are_evenly_divided_over_the_turn(tmp_path):
+    along = replace(S, strategy='zigzag')
+    last = planned(write(tmp_path / 'worn.npz', eccentric), along)[0].layers[-1]
     inner = [s.midpoint[0] for s in last.deposits if abs(s.midpoint[1] - LENGTH / 2) < 8e-3]
     x = np.unique(np.round(inner, 6))
     lines = x[np.concatenate([[True], np.diff(x) > 1e-4])]
@@ -77,11 +78,13 @@ def test_the_metal_is_that_of_the_ring(tmp_path):
     assert plan.volume == pytest.approx(laid, rel=0.04)
 
 
-def test_beads_at_the_seam_carry_what_the_others_carry(tmp_path):
-    plan, _ = planned(write(tmp_path / 'worn.npz', lambda t, y: 1.5e-3 + 0 * t))
+@pytest.mark.parametrize('strategy', ['solid', 'zigzag'])
+def test_beads_at_the_seam_carry_what_the_others_carry(tmp_path, strategy):
+    worn = write(tmp_path / 'worn.npz', lambda t, y: 1.5e-3 + 0 * t)
+    plan, _ = planned(worn, replace(S, strategy=strategy))
     for layer in plan.layers:
         inner = [s for s in layer.deposits if abs(s.midpoint[1] - LENGTH / 2) < 8e-3]
-        rows = [(s.midpoint[0], s.height) for s in inner]
+        rows = [(SHAFT.folded(s.midpoint[0]), s.height) for s in inner]
         x, h = np.array(rows).T
         beside = (x < OVERLAP + 4e-3) | (x > OVERLAP + SHAFT.period - 4e-3)
         assert h[beside].mean() == pytest.approx(h[~beside].mean(), rel=0.02)
@@ -124,10 +127,11 @@ def test_the_correction_is_told_the_neighbours_over_the_seam(all_round):
     assert len(paths) > len(own)
     x = np.concatenate([p[:, 0] for p in paths])
     assert x.min() < OVERLAP - 10e-3 and x.max() > OVERLAP + SHAFT.period + 10e-3
-    laid = np.concatenate(own)
-    for p in paths[len(own) :]:  # every one is a stretch of an own path, a turn aside
-        turned = p + (SHAFT.period if p[0, 0] < OVERLAP else -SHAFT.period, 0.0)
-        assert np.abs(turned[:, None] - laid[None]).sum(axis=2).min(axis=1).max() < 1e-9
+    laid = SHAFT.folded(np.concatenate(own)[:, 0])
+    for p in paths:  # every one is a stretch of an own path, some turns aside
+        away = np.abs(SHAFT.folded(p[:, 0])[:, None] - laid[None])
+        y = np.abs(p[:, 1, None] - np.concatenate(own)[None, :, 1])
+        assert (np.minimum(away, SHAFT.period - away) + y).min(axis=1).max() < 1e-9
 
 
 def test_run_out_is_found_and_taken_out(tmp_path):
@@ -178,7 +182,6 @@ def test_short_ends_are_refused(tmp_path):
     ('changed', 'said'),
     [
         ({'strategy': 'contour'}, 'strategy is contour'),
-        ({'direction': 'x'}, 'direction is x'),
         ({'alternation': 'turn'}, 'alternation is turn'),
         ({'tilt_deg': 10.0}, 'tilt_deg is 10'),
         ({'stagger': True}, 'stagger is True'),

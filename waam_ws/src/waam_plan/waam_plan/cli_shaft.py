@@ -16,7 +16,9 @@ if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .settings import PlanSettings
 
-TURNS = 5.0  # m of x that a chuck has at least: it has no end
+TURNS = 3.4  # m of x: a chuck has no end, the longest axis of the controller has 3.5 m
+
+TOLERANCE = 0.2e-3  # m, as of a job, so that the plan is that of a job
 
 
 def add_shaft(p: argparse.ArgumentParser) -> None:
@@ -71,6 +73,8 @@ def plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
         raise ValueError('--zone, --level, --repair and --nominal do not go with --shaft')
     (_, y0, z0), (_, y1, z1) = settings.machine_min, settings.machine_max
     settings = replace(settings, machine_min=(-TURNS, y0, z0), machine_max=(TURNS, y1, z1))
+    if not settings.tolerance:
+        settings = replace(settings, tolerance=TOLERANCE)
     found, nominal, run_out = of_file(args.part, args.scale, settings)
     made = plan_restoration(found, nominal, settings, args.layers)
     return replace(made, name=args.part.stem, remarks=[run_out.text, *made.remarks])
@@ -107,6 +111,10 @@ def laboratory(args: argparse.Namespace) -> str:
     ]
     if args.finish:
         words += ['--finish', args.finish]
+    if args.strategy:
+        words += ['--strategy', args.strategy]
+    if args.part_tolerance is not None:
+        words += ['--tolerance', f'{args.part_tolerance:g}']
     if not math.isclose(args.scale, 1e-3):
         words += ['--scale', f'{args.scale:g}']
     return shlex.join(words)

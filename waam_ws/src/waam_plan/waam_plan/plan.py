@@ -16,6 +16,8 @@ from waam_process.bead import AREA_FACTOR, wire_feed
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Point, Segment
 
+UNLIKE = 0.03  # share by which the metal of the segments of a layer may differ from what is planned
+
 
 class PlanError(ValueError):
     """A plan that cannot be made; the text says what, where and what to do."""
@@ -90,6 +92,14 @@ def metal_of(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> flo
         middle = np.nan_to_num(layer.target_after) - planned / 2
         planned = (planned * shaft.share(middle))[:, shaft.first_turn(spec)]
     return float(planned.sum() * spec.resolution**2 + layer.beside)
+
+
+def laid_share(layer: PlannedLayer, spec: GridSpec, settings: PlanSettings) -> float:
+    """Metal that the segments of a layer lay over what is planned for it; 1 where the limits of layer height change it
+    by less than UNLIKE."""
+    wanted = metal_of(layer, spec, settings)
+    share = layer.volume / wanted if wanted > 0 else 1.0
+    return share if abs(share - 1) > UNLIKE else 1.0
 
 
 def base_feed(segment: Segment, settings: PlanSettings) -> float:

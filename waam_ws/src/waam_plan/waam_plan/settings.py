@@ -203,13 +203,14 @@ class PlanSettings:
                 f'shaft_diameter is {self.shaft_diameter:g}, thinner than {THINNEST:g} m is not planned'
             )
         fixed = {
-            'strategy': ('solid', 'zigzag'), 'direction': ('auto', 'y'), 'alternation': ('none', 'reverse'),
+            'strategy': ('solid', 'zigzag'), 'direction': DIRECTIONS, 'alternation': ('none', 'reverse'),
             'tilt_deg': (0,), 'stagger': (False,),
         }  # fmt: skip
         for name, known in fixed.items():
             if (value := getattr(self, name)) not in known:
                 wrong.append(
-                    f'{name} is {value}: a shaft is laid in lines along its axis, nothing else is built'
+                    f'{name} is {value}: a shaft is laid around (strategy solid) or in lines along its axis (zigzag), '
+                    'nothing else is built'
                 )
         return wrong + [
             f'{name}: only a build knows this, a shaft is restored' for name in self.of_builds()

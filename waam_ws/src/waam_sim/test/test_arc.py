@@ -41,6 +41,13 @@ def test_wire_answers_after_a_delay_with_a_lag(make_cell):
     assert np.allclose(steps, np.round(steps), atol=1e-6)
 
 
+def test_the_wheel_loses_no_count(make_cell):
+    plant = make_cell()
+    true, read = wire_response(plant, 2 / 60, 3000)  # between two steps of the reading
+    p = plant.params.arc
+    assert np.sum(read) * p.wire_ratio == pytest.approx(np.sum(true), rel=2e-4)
+
+
 def burning(plant, patience: float = 2.0) -> Drive:
     """The cell with a freshly struck arc, torch at rest on the plate."""
     drive = Drive(plant, (0.02, 0.03, 0.02))

@@ -85,9 +85,9 @@ WANDERS, DRIFTS = np.uint64(0x5BD1E995A53C9E37), np.uint64(0xC2B2AE3D27D4EB4F)
 
 _STATE = (
     'slot', 'wire', 'reading', 'lit', 'strike', 'starving', 'current', 'length', 'flow', 'voltage', 'voltage_read',
-    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'burnt',
+    'current_read', 'starts', 'failed', 'ctwd', 'tip', 'feed', 'burnt', 'uncounted',
 )  # fmt: skip
-WIRE, READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD = (
+WIRE, READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, CTWD, UNCOUNTED = (
     _STATE.index(n)
     for n in (
         'wire',
@@ -99,6 +99,7 @@ WIRE, READING, LIT, CURRENT_NOW, FLOW, VOLTAGE_NOW, VOLTAGE_READ, CURRENT_READ, 
         'voltage_read',
         'current_read',
         'ctwd',
+        'uncounted',
     )
 )
 
@@ -122,10 +123,13 @@ class Arc:
         """One value of the state, by its place in it: LIT and others of this module."""
         return self._values.item(number)
 
-    @property
-    def wire_reading(self) -> float:
-        """What the measuring wheel reports, m/s."""
-        return round(self.value(READING) / self._quantum) * self._quantum
+    def read_wheel(self) -> float:
+        """What the measuring wheel reports, m/s, once per sample: whole counts; the rest of one is part of the next
+        sample, so no wire is lost in the sum."""
+        wanted = self.value(READING) + self.value(UNCOUNTED)
+        counted = round(wanted / self._quantum) * self._quantum
+        self._values[UNCOUNTED] = wanted - counted
+        return counted
 
     @classmethod
     def cold(cls, params: ArcParams, rng: np.ndarray) -> Arc:

@@ -213,7 +213,7 @@ class Plant:
             inputs,
             wired.current(arc.value(CURRENT_READ) + faults.share(TEST_CURRENT)),
             wired.voltage_scale * (arc.value(VOLTAGE_READ) + faults.share(TEST_VOLTAGE)),
-            arc.wire_reading,
+            arc.read_wheel(),
             self.distance.value,
             self.distance.reading,
             shaken,

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.materials import Material
 from waam_process.segment import Clamp, Kind, Point, Segment
+from waam_process.unrolled import Unrolled
 
 from .snapshots import LaidBeads
 
@@ -89,12 +90,14 @@ def smooth(z: np.ndarray, sigma_cells: float) -> np.ndarray:
     return np.where(weight > 1e-3, total / np.maximum(weight, 1e-12), np.nan)
 
 
-def follow(segments: list[Segment], surface: HeightGrid, reach: float) -> list[Segment]:
+def follow(
+    segments: list[Segment], surface: HeightGrid, reach: float, shaft: Unrolled | None = None
+) -> list[Segment]:
     """Moves depositing points onto the measured surface (smoothed over `reach` m), so that the stick-out stays nominal.
 
     Cells that differ from the planned height nearby by more than FOLLOWED are another surface: the floor beside a thin
     wall would draw the torch down into it. Idle pieces that begin or end in a moved point follow it; points over
-    unknown ground keep their planned height.
+    unknown ground keep their planned height. shaft: that turns, its places come round again.
     """
     points: set[Point] = set()
     for s in segments:
@@ -104,6 +107,8 @@ def follow(segments: list[Segment], surface: HeightGrid, reach: float) -> list[S
         return segments
     ordered = sorted(points)
     xyz = np.array(ordered)
+    if shaft:
+        xyz[:, 0] = shaft.folded(xyz[:, 0])
     x, y = np.meshgrid(surface.spec.x, surface.spec.y)
     near = cKDTree(xyz[:, :2]).query(np.stack([x, y], axis=-1))[1]
     own = np.abs(surface.z - xyz[near, 2]) <= FOLLOWED

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_plan.plan import PlannedLayer, renumber
-from waam_plan.shaft.lines import arc_paths, segments_with_copies
+from waam_plan.plan import PlannedLayer, laid_share, renumber
+from waam_plan.shaft.lines import arc_paths, home, in_their_places, segments_with_copies
 from waam_process.loop_mode import LoopMode
 from waam_process.segment import Segment
 
@@ -202,19 +202,20 @@ class LayerCycle:
         third-party program keeps its path. With the approach from where the torch is, numbered on from the last one
         laid."""
         closed = self.loop_mode == LoopMode.CLOSED_LOOP
+        motion, settings = self.motion, self.context.plan_settings()
         segments = layer.segments
         if closed and scan.plausible and self.context.checked.program is None:
-            segments = follow(segments, scan.map, self.settings.follow_reach)
+            reach = self.settings.follow_reach
+            segments = follow(segments, scan.map, reach, settings.unrolled)
         request = FeedRequest(
             material=self.goal.material,
-            segments=segments,
+            segments=home(segments, settings),
             correction=correction,
             heat_factor=heat.factor,
             apply=closed,
         )
-        segments = self.cell.setpoints(self.run_id, request)
+        segments = in_their_places(self.cell.setpoints(self.run_id, request), segments)
         record.add_segments(segments)
-        motion, settings = self.motion, self.context.plan_settings()
         safe_z = self.program.current.safe_z
         return SetLayer(
             layer=layer,
@@ -229,13 +230,16 @@ class LayerCycle:
     def _asked(
         self, layer: PlannedLayer, correction: Correction | None, segments: list[Segment]
     ) -> np.ndarray:
-        """Metal that the setpoints ask for within the limits of speed and feed, (rows, cols) m."""
+        """Metal that the setpoints ask for within the limits of layer height, speed and feed, (rows, cols) m."""
+        plan = self.program.current
+        whole = self.program.layer(layer.number)
+        own = plan.mode == 'restore' and self.context.checked.program is None
+        share = laid_share(whole, plan.spec, plan.settings) if own else 1.0
         if correction is None or self.loop_mode != LoopMode.CLOSED_LOOP:
-            return np.where(layer.planned > 0, layer.planned, 0.0)
+            return share * np.where(layer.planned > 0, layer.planned, 0.0)
         c = correction
         asked = asked_growth(layer.planned, c.psi, c.k_gain, c.residual_height)
-        plan = self.program.current
-        return driven_growth(
+        return share * driven_growth(
             asked, layer.planned, plan.spec, segments_with_copies(segments, plan.settings)
         )
 
@@ -247,7 +251,7 @@ class LayerCycle:
         self.preparation.check_spark()
         self.journal.state(State.DEPOSITING)
         self.cell.take_sums()
-        self.cell.plan(self.run_id, layer.number, segments)
+        self.cell.plan(self.run_id, layer.number, home(segments, self.context.plan_settings()))
         started = self.cell.now()
         self.scanner.laid(layer.number, laid_beads(segments, material))
         complete = False

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from waam_plan.shaft.lines import home
 from waam_process.segment import Kind, Segment
 
 from ..model.altered import AlteredMetal
@@ -57,7 +58,10 @@ class AskedMetal(LayerObserver):
 
     def begin(self, work: SetLayer) -> None:
         """The first record."""
-        self.altered = AlteredMetal(work.segments, self.earlier)
+        settings = self.context.plan_settings()
+        self.altered = AlteredMetal(
+            home(work.segments, settings), home(list(self.earlier), settings)
+        )
         spec, asked = work.scan.map.spec, work.asked
         if self.on_record is not None:
             asked = self.altered.with_earlier(asked, self.on_record, spec)

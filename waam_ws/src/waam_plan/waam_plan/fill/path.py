@@ -109,7 +109,8 @@ def lay_out(chains: list[hatch.Chain], surface: HeightGrid, settings: PlanSettin
     lines, bead, chain = _lines(chains)
     first = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
     points, line_of = _dense(np.concatenate(lines), first, surface.spec.resolution)
-    z = HeightGrid(surface.spec, fill_unknown(surface.z)).sample(*points.T)
+    x = settings.unrolled.folded(points[:, 0]) if settings.unrolled else points[:, 0]
+    z = HeightGrid(surface.spec, fill_unknown(surface.z)).sample(x, points[:, 1])
     points = np.column_stack([points, z])
     same = line_of[1:] == line_of[:-1]
     step = np.linalg.norm(np.diff(points, axis=0), axis=1)

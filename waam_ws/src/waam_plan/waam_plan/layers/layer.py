@@ -10,7 +10,6 @@ from waam_plan import masks
 from waam_plan.fill import path
 from waam_plan.fill.hatch import Chain
 from waam_plan.fill.inside import keep_inside
-from waam_plan.fill.linking import spread_starts
 from waam_plan.layers.allocate import edge_surplus, metal_heights
 from waam_plan.layers.travel import Ceiling, to_segments
 from waam_plan.plan import PlannedLayer
@@ -59,19 +58,19 @@ def lay(
 
     starts: (n, 2) m, arc starts of the layer below, which those of this one keep away from.
     """
-    spread = spread_starts(chains, starts, settings.start_spread)
     shaft = settings.unrolled
-    beside = lines.with_copies(spread, shaft) if shaft else spread
-    pieces = path.lay_out(beside, HeightGrid(spec, task.ground), settings)
+    chains = lines.spread(chains, starts, settings)
+    pieces = path.lay_out(chains, HeightGrid(spec, task.ground), settings)
     if task.inside is not None and not shaft:
         pieces = keep_inside(pieces, task.inside)
     cover = task.footprint if task.cover is None else task.cover
     wanted = masks.spread(task.planned, task.footprint, cover)
-    height = metal_heights(pieces, wanted, cover, spec, settings, task.thickest)
-    ceiling = Ceiling.over(spec, task.metal, settings.torch_radius)
-    planned = task.planned
+    shown = lines.shown(pieces, shaft) if shaft else pieces
+    height = metal_heights(shown, wanted, cover, spec, settings, task.thickest)
+    ceiling = Ceiling.over(spec, task.metal, settings.torch_radius, shaft)
+    planned, own = task.planned, pieces
     if shaft:
-        pieces, height = lines.own(pieces, height, len(spread))
+        height, own = height[: len(pieces.bead)], lines.first_of(shown, len(pieces.bead))
         wanted, planned = (m[:, shaft.first_turn(spec)] for m in (wanted, planned))
     aside = (wanted.sum() - planned.sum()) * spec.resolution**2
     segments = to_segments(pieces, height, task.number, ceiling, safe_z, settings, task.slower)
@@ -83,5 +82,5 @@ def lay(
         segments=lines.on_shaft(segments, shaft) if shaft else segments,
         direction=bead_direction(task.footprint, settings, task.turn),
         footprint=task.footprint,
-        beside=float(aside + edge_surplus(pieces, height, cover, spec, settings)),
+        beside=float(aside + edge_surplus(own, height, cover, spec, settings)),
     )

@@ -21,6 +21,7 @@ from waam_plan.layers.layer import LayerTask, lay
 from waam_plan.layers.layout import best, most_even
 from waam_plan.layers.schedule import Schedule, choose_schedule, finish_height, layer_count
 from waam_plan.plan import (
+    UNLIKE,
     Plan,
     PlanError,
     PlannedLayer,
@@ -30,7 +31,7 @@ from waam_plan.plan import (
     metal_of,
 )
 from waam_plan.settings import JUDGED_RIM, PlanSettings
-from waam_plan.shaft import lines
+from waam_plan.shaft import around, lines
 from waam_plan.slice.section import outline
 from waam_process.grid import GridSpec, HeightGrid
 
@@ -135,7 +136,10 @@ def _plan(
     counted = np.ones(region.shape, bool)
     if settings.unrolled:  # each place of a shaft counts once
         counted &= settings.unrolled.first_turn(job.spec)
-    starts = [_starts(below), *(arc_starts(p.segments) for p in planned)]
+    starts = [
+        _starts(below),
+        *(lines.home_points(arc_starts(p.segments), settings) for p in planned),
+    ]
     warnings += near_starts(starts, settings.start_spread, first=0)
     judged = masks.judged(region, JUDGED_RIM / res, settings.bead_width / res)
     check_reach([s for layer in planned for s in layer.segments], settings)
@@ -331,9 +335,10 @@ def _laid(
 ) -> PlannedLayer:
     """The layer, filled as the settings say; `below` as of `_layer`."""
     if settings.unrolled:
-        chains = lines.chains_of(cover.mask, spec, settings, task.turn)
-        along = _with_edges(lines.along_axis(settings), cover)
-        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=along)
+        settings = around.filling(settings)
+        chains = around.chains_of(cover.mask, spec, settings, task.turn)
+        settings = replace(settings, direction=around.direction_of(chains))
+        return lay(task, chains, below, spec=spec, safe_z=safe_z, settings=settings)
     settings = _with_edges(settings, cover)
     beyond = (cover.mask & ~task.footprint).any()
     within = sides.settings_within(settings) if beyond else settings
@@ -411,7 +416,7 @@ def _warn(
             )
     for layer in planned:
         want = metal_of(layer, spec, settings)
-        if abs(layer.volume - want) > 0.03 * want:
+        if abs(layer.volume - want) > UNLIKE * want:
             warnings.append(
                 f'layer {layer.number}: segments lay {layer.volume * 1e9:.0f} mm3 of {want * 1e9:.0f} mm3 planned '
                 '(limits of layer height)'

@@ -13,6 +13,7 @@ from waam_plan.plan import base_feed, hop, leg
 from waam_plan.settings import PlanSettings
 from waam_process.grid import GridSpec
 from waam_process.segment import Kind, Point, Segment
+from waam_process.unrolled import Unrolled
 
 FEED_FLOOR = 0.42  # of the nominal deposition rate; below it the torch goes faster
 
@@ -25,19 +26,22 @@ class Ceiling:
 
     spec: GridSpec
     z: np.ndarray
+    shaft: Unrolled | None = None  # of a turning shaft, whose places come round again
 
     @classmethod
-    def over(cls, spec: GridSpec, metal: np.ndarray, radius: float) -> Ceiling:
+    def over(
+        cls, spec: GridSpec, metal: np.ndarray, radius: float, shaft: Unrolled | None = None
+    ) -> Ceiling:
         """metal: (rows, cols) m as it stands when the layer is done, NaN = nothing known there."""
         z = np.where(np.isfinite(metal), metal, -np.inf)
         size = 2 * math.ceil(radius / spec.resolution) + 1
-        return cls(spec, ndimage.maximum_filter(z, size=size, mode='nearest'))
+        return cls(spec, ndimage.maximum_filter(z, size=size, mode='nearest'), shaft)
 
     def above(self, a: Point, b: Point) -> float:
         """Highest metal (m) below the straight way from a to b; -inf outside the grid."""
         n = 2 + int(2 * math.dist(a[:2], b[:2]) / self.spec.resolution)
         x, y = (np.linspace(a[i], b[i], n) for i in (0, 1))
-        row, col = self.spec.cell(x, y)
+        row, col = self.spec.cell(self.shaft.folded(x) if self.shaft else x, y)
         rows, cols = self.spec.shape
         on = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
         return float(self.z[row[on], col[on]].max(initial=-math.inf))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import html
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer
-from waam_plan.preview.picture import LayerEstimate, estimates
+from waam_plan.preview.picture import APART, LayerEstimate, estimates
+from waam_plan.settings import PlanSettings
+from waam_plan.shaft.lines import drawn
 
 MAX_POINTS = 300_000  # drawn; longer programs are thinned out
 HERE = Path(__file__).parent
@@ -104,21 +107,20 @@ def _data(plan: Plan) -> dict:
     """Lengths in hundredths of a millimetre."""
     total = sum(len(layer.segments) for layer in plan.layers)
     every = max(1, -(-total // MAX_POINTS))
-    nominal = plan.settings.layer_height
-    return {'layers': [_runs(layer, every, nominal) for layer in plan.layers]}
+    return {'layers': [_runs(layer, every, plan.settings) for layer in plan.layers]}
 
 
-def _runs(layer: PlannedLayer, every: int, nominal: float) -> list:
+def _runs(layer: PlannedLayer, every: int, settings: PlanSettings) -> list:
     """[arc 0 or 1, [x, y, z, ...], [metal in % of the nominal layer, ...]] for every stretch of one kind."""
     runs: list[tuple[int, list, list]] = []
-    for s in layer.segments:
+    for s in drawn(layer.segments, settings):
         if s.length <= 0:
             continue
         arc = int(s.arc)
-        if not runs or runs[-1][0] != arc:
+        if not runs or runs[-1][0] != arc or math.dist(runs[-1][1][-1], s.start) > APART:
             runs.append((arc, [s.start], []))
         runs[-1][1].append(s.end)
-        runs[-1][2].append(round(100 * s.height / nominal))
+        runs[-1][2].append(round(100 * s.height / settings.layer_height))
     return [_thinned(arc, points, metal, every) for arc, points, metal in runs]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +11,13 @@ import numpy as np
 
 from waam_plan.plan import Plan, PlannedLayer, metal_of
 from waam_plan.settings import MAX_LAYER_RATIO
+from waam_plan.shaft.lines import drawn
 
 if TYPE_CHECKING:  # matplotlib is loaded only when something is drawn
     from matplotlib.axes import Axes
 
 SHOWN = 6  # layers drawn at most
+APART = 1e-4  # m between two segments that are not drawn as one line: the seam of a shaft
 
 
 @dataclass(frozen=True)
@@ -151,16 +154,18 @@ def _draw_layer(plan: Plan, layer: PlannedLayer, axis: Axes) -> None:
     top = 1e3 * MAX_LAYER_RATIO * plan.settings.layer_height
     _map(plan, axis, metal, title, 'metal, mm', cmap='YlOrBr', vmin=0, vmax=top)
     runs: list[tuple[bool, list]] = []
-    for s in layer.segments:
-        if not runs or runs[-1][0] != s.arc:
+    for s in drawn(layer.segments, plan.settings):
+        if not runs or runs[-1][0] != s.arc or math.dist(runs[-1][1][-1], s.start) > APART:
             runs.append((s.arc, [s.start]))
         runs[-1][1].append(s.end)
-    for arc, points in runs:
+    burning = [False, *(arc for arc, _ in runs), False]
+    for k, (arc, points) in enumerate(runs):
         line = np.array(points)[:, :2] * 1e3
         axis.plot(
             *line.T, '-' if arc else '--', c='tab:blue' if arc else 'gray', lw=0.9 if arc else 0.6
         )
-        if arc:
+        if arc and not burning[k]:
             axis.plot(*line[0], 'o', c='tab:green', ms=4)
+        if arc and not burning[k + 2]:
             axis.plot(*line[-1], 's', c='tab:red', ms=3)
     axis.set_aspect('equal')
