@@ -95,6 +95,7 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
     'waam_record/waam_record/file_commands.py': 'recordings on disk',
     'waam_record/waam_record/definitions.py': 'reads the definitions of messages',
     'waam_record/waam_record/provenance.py': 'asks git and the host for versions',
+    'waam_replay/waam_replay/play_command.py': 'starts the player',
     'waam_replay/waam_replay/tune.py': 'tells how fast it computed',
     'waam_job/waam_job/store/.*': 'job folders on disk',
     'waam_archive/waam_archive/(arrow|export|store|verify).py': 'the files of the archive',

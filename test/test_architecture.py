@@ -134,7 +134,7 @@ ROSDEP = {
 }  # fmt: skip
 # without a key: `pip install -r requirements.txt` (and -robot, -train), as docs/ros.md says
 PIP_ONLY = {
-    'apprise', 'coal', 'contourpy', 'duckdb', 'mcap', 'pinocchio', 'pyarrow', 'rerun',
+    'apprise', 'coal', 'contourpy', 'duckdb', 'kiss_icp', 'mcap', 'pinocchio', 'pyarrow', 'rerun',
     'rerun_bindings', 'rerun_cli', 'rosbags', 'shtab', 'toppra', 'torch',
 }  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 
 from waam_process.safe_files import FileError, parse_yaml
 
-from .bag_reader import bag_files, custom_data_of
+from .bag_reader import bag_files, custom_data_of, info
 from .bag_writer import BagError, BagWriter, Topic
 from .salvage import BROKEN, Damage, records
 
@@ -24,6 +25,25 @@ class Recovered:
     messages: int
     output: Path
     damage: list[str]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which messages are taken."""
+
+    topics: tuple[str, ...] = ()  # names; empty = all
+    include: str = ''  # regular expression that is looked for in topic names; '' = all
+    exclude: str = ''  # regular expression; '' = none
+    start: float = 0.0  # s after the beginning of the recording
+    end: float = float('inf')  # s after the beginning
+
+    def wants(self, topic: str) -> bool:
+        """Whether messages of this topic are taken; the times are not looked at."""
+        if self.topics and topic not in self.topics:
+            return False
+        if self.include and not re.search(self.include, topic):
+            return False
+        return not (self.exclude and re.search(self.exclude, topic))
 
 
 def recover(path: Path, output: Path) -> Recovered:
@@ -88,19 +108,31 @@ def _profiles(text: str) -> tuple[dict, ...]:
     return tuple(p for p in found if isinstance(p, dict)) if isinstance(found, list) else ()
 
 
-def messages(files: list[Path]) -> Iterator[tuple[Topic, Message]]:
+def messages(
+    files: list[Path], selection: Selection = Selection()
+) -> Iterator[tuple[Topic, Message]]:
     """Messages of undamaged files by log time, earlier files first. BagError names a damaged file."""
-    yield from heapq.merge(*map(_file_messages, files), key=lambda pair: pair[1].log_time)
+    start = min((info(f).first_ns for f in files), default=0)
+    first = start + round(selection.start * 1e9)
+    last = 2**63 - 1 if selection.end == float('inf') else start + round(selection.end * 1e9)
+    streams = [_file_messages(f, selection, first, last) for f in files]
+    yield from heapq.merge(*streams, key=lambda pair: pair[1].log_time)
 
 
-def _file_messages(file: Path) -> Iterator[tuple[Topic, Message]]:
+def _file_messages(
+    file: Path, selection: Selection, first: int, last: int
+) -> Iterator[tuple[Topic, Message]]:
     topics: dict[int, Topic] = {}
     with open(file, 'rb') as f:
         try:
             reader = make_reader(f, validate_crcs=True)
-            if reader.get_summary() is None:
+            summary = reader.get_summary()
+            if summary is None:
                 raise ValueError('no index')
-            for schema, channel, message in reader.iter_messages():
+            names = [c.topic for c in summary.channels.values() if selection.wants(c.topic)]
+            if not names:
+                return
+            for schema, channel, message in reader.iter_messages(names, first, last + 1):
                 if schema is None:
                     raise ValueError(f'{channel.topic} has no type')
                 if channel.id not in topics:
@@ -110,3 +142,15 @@ def _file_messages(file: Path) -> Iterator[tuple[Topic, Message]]:
             raise BagError(
                 f'{file} is not whole ({type(e).__name__}: {e}); save it first: waam record recover'
             ) from None
+
+
+def topics_of(file: Path) -> list[Topic]:
+    """Topics of a whole file; empty for a broken one (reading its messages then says so)."""
+    try:
+        with open(file, 'rb') as f:
+            summary = make_reader(f).get_summary()
+    except BROKEN:
+        return []
+    if summary is None:
+        return []
+    return [topic_of(c, summary.schemas[c.schema_id]) for c in summary.channels.values()]

@@ -1,4 +1,4 @@
-"""`waam replay`: compute a recorded job again, offline, with the recorded parameters or others."""
+"""`waam replay`: compute a recorded job again, offline with other parameters, or play it to the nodes of a graph."""
 
 from __future__ import annotations
 
@@ -18,19 +18,31 @@ if TYPE_CHECKING:
 _EXAMPLES = """examples:
   waam replay check jobs/latest                        is everything what it was, to the last bit?
   waam replay tune jobs/latest --set correction_server.k_gain=0.2
-  waam replay tune jobs/latest --set scan_fusion.height_max=0.4 --set correction_server.law=bead_solver
+  waam replay tune jobs/latest --set scan_fusion.height_max=0.4 --set correction_server.law=proportional
   waam replay tune jobs/latest --set job.heat_factor=0.95     what the job asked for can be changed too
   waam replay check jobs                               every record in a folder
+  waam replay play jobs/latest --rate 4 --topics /telemetry /height_map
 
 Every layer starts from the surface that was really measured: `tune` shows what other parameters would have
 commanded on it. What would come of it: `waam lab fit`, then `waam lab`."""
+
+PLAY: dict[str, dict[str, Any]] = {
+    'rate': {'type': float, 'default': 1.0, 'help': 'recorded seconds per second (default 1)'},
+    'topics': {'nargs': '+', 'default': [], 'metavar': 'NAME', 'help': 'only these'},
+    'exclude': {'default': '', 'metavar': 'REGEX', 'help': 'not the topics it is found in'},
+    'remap': {'action': 'append', 'default': [], 'metavar': 'FROM:=TO'},
+    'start': {'type': float, 'default': 0.0, 'help': 's after the beginning of the record'},
+    'until': {'type': float, 'default': 0.0, 'help': 's after the beginning; 0 = to the end'},
+    'paused': {'action': 'store_true', 'help': 'begin paused (go on with the service player/resume)'},
+    'force': {'action': 'store_true', 'help': 'also topics that command a machine'},
+}  # fmt: skip
 
 
 def register(commands: argparse._SubParsersAction) -> None:
     """Adds the verb `replay` with its sub-verbs."""
     parser = commands.add_parser(
         'replay',
-        help='compute a recorded job again',
+        help='compute a recorded job again, or play it to the nodes',
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -50,6 +62,12 @@ def register(commands: argparse._SubParsersAction) -> None:
     check = verbs.add_parser('check', help=text, description=text)
     _add_jobs(check)
     check.set_defaults(run_command=_check)
+    text = 'publish a record to a graph, with /clock; commands to the machine only with --force'
+    play = verbs.add_parser('play', help=text, description=text)
+    play.add_argument('job', type=Path, metavar='JOB', help='job folder or its record folder')
+    for name, options in PLAY.items():
+        play.add_argument(f'--{name}', **options)
+    play.set_defaults(run_command=_play)
 
 
 def _add_jobs(p: argparse.ArgumentParser) -> None:
@@ -180,6 +198,15 @@ def _print(result: Tuning) -> None:
         f'{result.machine_seconds:.0f} s of machine time in {result.seconds:.2f} s ({speed:.0f} x), '
         f'digest {result.digest[:16]}'
     )
+
+
+def _play(args: argparse.Namespace) -> int:
+    from .play_command import play
+
+    try:
+        return play(args)
+    except (ValueError, OSError) as e:
+        return _error(e)
 
 
 def _error(text: object) -> int:

@@ -221,6 +221,7 @@ def test_planner_frame_puts_the_corner_of_the_part_at_zero():
         (('compare', 'nominal.stl', 'worn.npy', '--cell', '0'), '--cell'),
         (('compare', 'nominal.stl', 'worn.npy', '--search'), '--register'),
         (('compare', 'nominal.stl', 'nominal.stl'), 'not a cloud'),
+        (('register', 'worn.npy'), 'SCAN and REFERENCE'),
         (('register', 'worn.npy', 'bad.npy'), 'bad.npy'),
         (('register', 'worn.npy', 'bad.ply'), 'bad.ply'),
     ],

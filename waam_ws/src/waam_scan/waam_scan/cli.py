@@ -72,10 +72,13 @@ Finds the rigid motion that brings SCAN onto the reference: an earlier scan (dri
 (placement of the part). Metal that was added or is missing is not taken for motion. What a flat or round surface
 cannot show (sliding on a plane, turning about the axis of a shaft) is left unmoved and named.
 SCAN: PLY, PCD or NPY cloud (--scale: m per unit, default 0.001 = mm) or a map (.npz, in m).
+With three or more clouds, or --sequence: a scanner whose poses are missing (hand-held, carried by a robot); every cloud
+is placed against the map of those before (KISS-ICP, then refined), a trajectory and one cloud are written.
 
 examples:
   waam scan register scan_004.npz scan_003.npz                   drift since the last layer, new metal allowed
   waam scan register found.ply roller.stl --search --change wear placed anywhere on the table, worn
+  waam scan register frame_*.ply --out track
 Writes registration.json (transform, uncertainty, what is unobserved), registration.png and, with --moved, the cloud.
 """
 COMPARE_EPILOG = """\
@@ -137,10 +140,11 @@ def register(commands: Verbs) -> None:
     add(
         'register', command('registration_report', 'register_files'),
         'the motion between two scans, or of a scan against its nominal STL', REGISTER_EPILOG,
-        ('scan', Path, 'cloud or map', 'SCAN'),
-        ('reference', Path, 'an earlier scan, or the nominal mesh', 'REFERENCE'),
+        ('clouds', Path, 'SCAN REFERENCE, or frames', 'SCAN', {'nargs': '+'}),
         ('--change', 'growth', f'{HOW} (default growth)', None, CHANGES), *MOTION,
         ('--search', False, 'the part may lie anywhere, turned about z by any angle'),
+        ('--sequence', False, 'frames without poses: odometry'),
+        ('--voxel', 0.5, 'of the odometry (default 0.5)', 'MM'),
         ('--out', Path('registration'), 'folder for the results', None, {'type': Path}),
         ('--moved', False, 'also write the moved cloud as PLY (mm)'),
     )  # fmt: skip

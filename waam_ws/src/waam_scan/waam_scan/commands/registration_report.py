@@ -16,8 +16,15 @@ from ..registration.target import Cloud, CloudTarget, MeshTarget, Target
 
 
 def register_files(args: argparse.Namespace) -> None:
-    """Two clouds: one registration."""
-    scan, reference = args.scan, args.reference
+    """Two clouds: one registration; more, or --sequence: odometry."""
+    if len(args.clouds) < 2:
+        raise ValueError('register needs SCAN and REFERENCE, or a sequence of clouds')
+    if args.sequence or len(args.clouds) > 2:
+        from .odometry_report import track_files
+
+        track_files(args)
+        return
+    scan, reference = args.clouds
     cloud = Cloud.of(load_points(scan, args.scale), seed=args.seed)
     target, vertices = load_target(reference, args.scale, args.seed)
     result = align(cloud, target, vertices, args)

@@ -1,1 +1,1 @@
-"""Clouds of a part brought together: placement, drift, comparison."""
+"""Clouds of a part brought together: placement, drift, odometry, comparison."""
