@@ -1,4 +1,4 @@
-"""`waam record`: look at recordings, verify, save, cut and import them; start and stop the recorder."""
+"""`waam record`: look at recordings, verify, save and import them; start and stop the recorder."""
 
 from __future__ import annotations
 
