@@ -204,6 +204,7 @@ def test_no_forecast_of_a_damaged_file_is_shown(parts, tmp_path):
             ['a.stl', '--set', 'strategy=contour', '--overhang', '30'],
             '--set plan.overhang_limit_deg=30.0 --strategy contour',
         ),
+        (['w.npz', '--shaft', '80', '--ends', '20'], 'w.npz --shaft 80 --ends 20'),
         (['scan.pcd'], ''),
         (['a.stl', '--as-found', 'w.npz'], ''),
         (['a.stl', '--as-found', 'w.ply', '--zone'], ''),
@@ -223,3 +224,15 @@ def test_wrong_options_are_refused_by_name(parts, capsys):
     with pytest.raises(SystemExit) as ended:
         raise SystemExit(main(['forecast', *map(str, parts[:1]), '--cells', '0']))
     assert ended.value.code == 2 and '--cells is 0' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('option,value', [('--shaft', '0'), ('--shaft', 'nan'), ('--ends', '-1')])
+def test_a_shaft_without_a_size_is_refused_by_name(option, value, tmp_path, capsys):
+    asked = {'--shaft': '80', '--ends': '20', option: value}
+    words = [str(tmp_path / 'worn.npz'), *(w for pair in asked.items() for w in pair)]
+    for verb in ('plan', 'lab', 'forecast'):
+        try:
+            ended = main([verb, *words])
+        except SystemExit as stop:
+            ended = stop.code
+        assert ended == 2 and f'{option} {value}: a length in mm' in capsys.readouterr().err

@@ -240,7 +240,7 @@ def test_the_command_plans_a_shaft(tmp_path, capsys):
     assert waam(worn, '--shaft', 50, '--ends', 16, '--out', tmp_path / 'out') == 0
     said = capsys.readouterr().out
     assert 'run-out of the unworn ends: the axis lies 0.300' in said
-    assert f'waam lab {worn} --shaft 50 --ends 16' in said
+    assert f'waam forecast {worn} --shaft 50 --ends 16' in said
     assert (tmp_path / 'out' / 'program.gcode').stat().st_size > 1000
 
 

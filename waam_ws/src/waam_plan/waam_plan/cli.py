@@ -241,7 +241,7 @@ def _forecast(args: argparse.Namespace) -> str:
 
     worn = args.as_found
     if args.shaft:
-        return cli_shaft.laboratory(args)
+        return cli_shaft.forecast(args)
     alone = is_cloud(args.part) or args.zone or (worn is not None and worn.suffix == '.npz')
     if alone or cli_program.is_program(args):
         return ''

@@ -1,4 +1,4 @@
-"""What the command line says of a shaft: `waam plan`, `waam lab`."""
+"""What the command line says of a shaft: `waam plan`, `waam lab`, `waam forecast`."""
 
 from __future__ import annotations
 
@@ -46,6 +46,9 @@ def settings_of(args: argparse.Namespace) -> dict[str, Any]:
         return {}
     if args.ends is None:
         raise ValueError('--shaft needs --ends: how much of the shaft is unworn at each end, in mm')
+    for name, value in (('--shaft', args.shaft), ('--ends', args.ends)):
+        if not 0 < value < math.inf:
+            raise ValueError(f'{name} {value:g}: a length in mm, above 0')
     if args.as_found is not None:
         raise ValueError(
             '--as-found does not go with --shaft: PART is the scan, the nominal shaft is a cylinder'
@@ -98,11 +101,11 @@ def lying(part: Part, args: argparse.Namespace) -> str:
     )
 
 
-def laboratory(args: argparse.Namespace) -> str:
-    """The command that lays the same shaft in the laboratory."""
+def forecast(args: argparse.Namespace) -> str:
+    """The command that foretells what comes of the same shaft."""
     words = [
         'waam',
-        'lab',
+        'forecast',
         str(args.part),
         '--shaft',
         f'{args.shaft:g}',
