@@ -131,14 +131,15 @@ def test_every_verb_is_in_the_log_or_known_to_command_nothing():
 def test_the_name_of_the_sub_verb_is_in_the_log_and_a_page_is_a_command_when_it_is_opened(here):
     parse = build_parser().parse_args
     for line in (
-        'record stop', 'calibrate status', 'calibrate apply', 'panel', 'panel --port 8700',
+        'record stop', 'replay play x --force', 'calibrate status', 'calibrate apply', 'panel', 'panel --port 8700',
         'jobs list', 'jobs delete x --yes',
     ):  # fmt: skip
         audited.record(parse(line.split()))
     found = [(e.what, e.data) for e in Shop(paths.shop_dir()).audit('cell').last(9)]
-    commands = ['record stop', 'calibrate apply', 'panel', 'jobs delete']
+    commands = ['record stop', 'replay play', 'calibrate apply', 'panel', 'jobs delete']
     assert [what for what, _ in found] == commands
-    assert found[2][1]['port'] == 8700 and found[3][1]['names'] == "['x']"
+    assert found[1][1]['force'] is True and found[3][1]['port'] == 8700
+    assert found[4][1]['names'] == "['x']"
 
 
 SAFE = [line.split() for line in ('stop', 'job abort', 'job pause')]

@@ -17,7 +17,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     'up': (), 'stop': (), 'demo': (), 'job': (), 'calibrate': (), 'commission': (),
     'jobs': ('delete',), 'panel': (),
     'queue': ('add', 'move', 'remove', 'release', 'hold'), 'token': ('create', 'revoke'), 'notify': ('test', 'init'),
-    'record': ('start', 'stop', 'split', 'pause', 'resume'),
+    'record': ('start', 'stop', 'split', 'pause', 'resume'), 'replay': ('play',),
 }  # fmt: skip
 # of verb: where the parser of a package puts its sub-verb
 SUB_VERBS = ('verb', 'jobs_verb', 'record_verb', 'replay_verb', 'calibrate_command')
