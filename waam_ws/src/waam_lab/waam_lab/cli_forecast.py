@@ -36,8 +36,7 @@ examples:
   waam forecast part.stl --as-found worn.stl --cell-file mycell.yaml   on the cell that `waam lab fit` has found
 
 The job is run in the laboratory on cells that differ in metal, arc and scanner, up to a minute. Where it fails it is
-said why, and other layouts are tried on the same cells: finish machined, narrower beads, parallel
-beads.
+said why, and other layouts are tried on the same cells: finish machined, narrow or parallel beads.
 Written: forecast.json and forecast.png, into --out and beside the jobs, where the report of the same job finds them.
 
 exit status: 0 it will succeed, 1 it will not, 2 refused, 130 ended with Ctrl-C

@@ -22,7 +22,7 @@ from waam_node import job_folder
 from waam_plan.mesh.placed import Table
 from waam_process.grid import HeightGrid
 from waam_process.operating import GANTRY, MACHINES, build_plate
-from waam_process.unrolled import OVERLAP
+from waam_process.unrolled import LONGEST_AXIS, OVERLAP
 from waam_process.verdicts import FAILED
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
@@ -36,7 +36,6 @@ from .job import LabJob, LabResult
 from .operator import Operator
 from .watch import LayerWatch
 
-LONGEST_X = 3.5  # m, the longest axis of the controller: several turns of a shaft
 MEMORY = Path('/dev/shm')  # job folders that are not kept need no disk
 
 
@@ -82,7 +81,7 @@ def _with_chuck(job: LabJob, checked: Checked, known: params.LabParams) -> param
     """With an X axis for some turns of a shaft: a chuck has no end, the controller's longest axis has."""
     if checked.shaft is None:
         return known
-    return params.make({'bridge': {'envelope_x': LONGEST_X}}, job.overrides, preset=job.preset)
+    return params.make({'bridge': {'envelope_x': LONGEST_AXIS}}, job.overrides, preset=job.preset)
 
 
 def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) -> Plant:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:  # the planner is loaded only when a verb needs it
     from .plan import Plan
     from .settings import PlanSettings
 
-TURNS = 3.4  # m of x: a chuck has no end, the longest axis of the controller has 3.5 m
-
 TOLERANCE = 0.2e-3  # m, as of a job, so that the plan is that of a job
 
 
@@ -71,11 +69,12 @@ def plan(args: argparse.Namespace, settings: PlanSettings) -> Plan:
     """The plan of a worn shaft. Raises ValueError with a text for the user."""
     from waam_plan.layers.restore import plan_restoration
     from waam_plan.shaft.surfaces import of_file
+    from waam_process.unrolled import LONGEST_AXIS
 
     if args.zone or args.level is not None or args.repair or args.nominal:
         raise ValueError('--zone, --level, --repair and --nominal do not go with --shaft')
-    (_, y0, z0), (_, y1, z1) = settings.machine_min, settings.machine_max
-    settings = replace(settings, machine_min=(-TURNS, y0, z0), machine_max=(TURNS, y1, z1))
+    _, y1, z1 = settings.machine_max
+    settings = replace(settings, machine_max=(settings.machine_min[0] + LONGEST_AXIS, y1, z1))
     if not settings.tolerance:
         settings = replace(settings, tolerance=TOLERANCE)
     found, nominal, run_out = of_file(args.part, args.scale, settings)
