@@ -22,7 +22,6 @@ SETTINGS = st.builds(
     PlanSettings,
     tolerance=st.sampled_from([0.0, 0.1e-3, 0.2e-3, 0.3e-3, 1e-3]),
     finish_layers=st.integers(0, 5),
-    finish_growth=st.sampled_from([1.0, 1.2, 1.5]),
     layer_height=st.floats(1e-3, 3e-3),
 )
 
@@ -43,12 +42,12 @@ def test_without_tolerance_or_with_a_wide_one_all_layers_are_alike():
         assert schedule.finishing == 0 and schedule.below == pytest.approx(2e-3, rel=0.15)
 
 
-def test_finishing_layers_grow_downwards_as_asked():
-    s = PlanSettings(tolerance=0.2e-3, finish_layers=4, finish_growth=1.2, finish_height=1e-3)
+def test_finishing_layers_are_as_many_and_as_thick_as_asked():
+    s = PlanSettings(tolerance=0.2e-3, finish_layers=4, finish_height=1e-3)
     schedule = choose_schedule(np.full(9, 0.012), s)
-    assert schedule.tops == pytest.approx([1e-3, 1.2e-3, 1.44e-3, 1.728e-3])
-    assert schedule.offset(5) == pytest.approx(5.368e-3)
-    assert '4 finishing layers of 1.73 to 1.00 mm' in schedule.reason(s)
+    assert schedule.tops == pytest.approx([1e-3] * 4)
+    assert schedule.offset(5) == pytest.approx(4e-3)
+    assert '4 finishing layers of 1.00 mm' in schedule.reason(s)
 
 
 def test_a_height_that_is_set_wins_and_a_hopeless_tolerance_is_bounded():

@@ -69,9 +69,6 @@ class PlanSettings:
         0.0, 0.0, 5e-3
     )  # of the finishing layers of a restoration; 0 = from the tolerance
     finish_layers: int = within(3, 0, 5)  # number of finishing layers, 0 = none
-    finish_growth: float = within(
-        1.0, 1.0, 2.0
-    )  # thickness of a finishing layer over that of the one above it
     finish: str = 'as-laid'  # of a restoration; machined: nothing below nominal after machining
     # metal wanted above nominal, for machining; 0 with finish machined = chosen by the forecast
     allowance: float = within(0.0, -5e-3, 10e-3)

@@ -21,7 +21,7 @@ _INTS = ('index', 'layer', 'bead')
 GONE = {  # settings of older files that only told how the stored path came about
     'scanner_trails', 'scanner_overlap', 'judged_rim', 'max_layer_ratio', 'min_share', 'feed_floor', 'lead_in',
     'lead_out', 'idle_pieces', 'adaptive_min', 'teardrop', 'stiffener_spacing', 'stiffener_length', 'tangent_in',
-    'tangent_out', 'overhang_passes', 'multi_level', 'growth_step',
+    'tangent_out', 'overhang_passes', 'multi_level', 'growth_step', 'finish_growth',
 }  # fmt: skip
 
 

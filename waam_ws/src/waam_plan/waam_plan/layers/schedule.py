@@ -58,10 +58,8 @@ class Schedule:
             if not settings.finish_height
             else 'as set'
         )
-        first, last = self.tops[0] * 1e3, self.tops[-1] * 1e3
-        thick = f'{first:.2f}' if last == first else f'{last:.2f} to {first:.2f}'
         return (
-            f'{self.finishing} finishing layers of {thick} mm {why}, '
+            f'{self.finishing} finishing layers of {self.tops[0] * 1e3:.2f} mm {why}, '
             f'layers of {self.below * 1e3:.2f} mm below'
         )
 
@@ -70,7 +68,7 @@ def finishing_layers(settings: PlanSettings) -> tuple[float, ...]:
     """Thickness (m) of the finishing layers from the top down; empty where none are needed or wanted."""
     top = finish_height(settings)
     count = settings.finish_layers if top else 0
-    return tuple(top * settings.finish_growth**i for i in range(count))
+    return (top,) * count
 
 
 def finish_height(settings: PlanSettings) -> float:
