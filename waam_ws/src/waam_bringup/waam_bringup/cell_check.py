@@ -24,6 +24,7 @@ from waam_process.cell_file import LIMIT, CellError, CellFile, parse
 from waam_process.cell_keys import (
     AXES,
     BOARD,
+    CHUCK,
     INSTRUMENT,
     KEYS,
     MATERIAL,
@@ -36,6 +37,7 @@ from waam_process.cell_keys import (
 )
 from waam_process.names import TEMPERATURE_INPUTS
 from waam_process.safe_files import FileError, Missing, read_text
+from waam_process.unrolled import LONGEST_AXIS
 from waam_scan.calibration.file import CalibrationFileError, load_calibration
 from waam_scan.fusion_params import FusionParams
 
@@ -45,6 +47,7 @@ NODES: dict[str, Any] = {
     'bridge': BridgeParams, 'scan_fusion': FusionParams, 'job_sequencer': JobParams,
     'thermal_compensator': ThermalParams, 'pyrometer': PyrometerParams,
 }  # fmt: skip
+LEAST_TURN = 10_000  # steps: fewer are coarser than a bead is laid, and the virtual controller has no such machine
 CALIBRATION = 'sensors.scanner.calibration'
 MOUNTING = tuple(f'sensors.scanner.{name}' for name in ('mount_mm', 'mount_deg', 'delay_ms'))
 
@@ -89,7 +92,7 @@ def problems(cell: CellFile) -> Iterator[str]:
     beyond = {p: why for p, value in cell.values.items() if (why := _beyond(KEYS[p], value))}
     for path, why in beyond.items():
         yield f'{cell.where(path)} {why}'
-    for look in (_speeds, _zero, _material, _pyrometer, _scanner):
+    for look in (_speeds, _zero, _chuck, _material, _pyrometer, _scanner):
         yield from look(cell)
     yield from _together(cell, {node for path in beyond for node, _ in KEYS[path].parameters})
 
@@ -145,6 +148,27 @@ def _zero(cell: CellFile) -> Iterator[str]:
             if size is not None and not 0 <= place < size and path in cell.values:
                 yield f'{cell.where(path)} is at {axis} {place:g} mm, outside 0 .. {size:g} mm, the travel of the axis'
                 break
+
+
+def _chuck(cell: CellFile) -> Iterator[str]:
+    """What a chuck in place of the X axis needs, and what follows from it. Only simulated ones are built."""
+    steps = cell.values.get(CHUCK)
+    if steps is None:
+        return
+    where = cell.where(CHUCK)
+    if steps < LEAST_TURN:
+        yield f'{where} is {steps:g}, must be at least {LEAST_TURN}'
+    path, longest = f'{AXES}x.envelope_mm', LONGEST_AXIS * 1e3
+    if cell.values.get(path) != longest:
+        yield (
+            f'{cell.where(path)} must be {longest:g} with a chuck ({where}): it has no end, the controller\'s x has'
+        )
+    for path, why in (
+        (f'{AXES}x.steps_per_mm', 'they follow from the chuck and the diameter of each shaft'),
+        (PORT, 'a chuck of a real machine is not built (docs/real_cell.md, the chuck)'),
+    ):
+        if path in cell.values:
+            yield f'{cell.where(path)} does not go with a chuck ({where}): {why}'
 
 
 def _material(cell: CellFile) -> Iterator[str]:

@@ -11,7 +11,7 @@ import yaml
 
 from waam_node.files import write_atomically
 from waam_process.cell_file import CellFile, alike
-from waam_process.cell_keys import AXES, PORT, PYROMETER
+from waam_process.cell_keys import CHUCK, MACHINE, PORT, PYROMETER
 from waam_process.operating import GANTRY, ROBOT
 
 from . import cell_check
@@ -47,6 +47,11 @@ def apply(settings: Settings, simulated: bool) -> Applied:
     if not simulated:
         settings, said = _real(settings, cell)
     file = settings.run / PARAMETERS
+    if CHUCK in cell.values and not settings.simulated:
+        raise GraphError(
+            f'{cell.where(CHUCK)}: a chuck of a real machine is not built (docs/real_cell.md); without a port, or with '
+            '--simulated, the cell is simulated'
+        )
     said += _against(cell, settings)
     settings.run.mkdir(parents=True, exist_ok=True)
     write_atomically(file, HEAD.format(cell.name) + parameter_text(cell, settings.simulated, path))
@@ -87,7 +92,7 @@ def _against(cell: CellFile, settings: Settings) -> Iterator[str]:
                 continue
             path = cell.key_of(node, name)
             text = f'{node} {name} is {said[name]} in a --params-file, {cell.where(path)} is {cell.values[path]}'
-            if path.startswith(AXES):
+            if path.startswith(MACHINE):
                 raise GraphError(
                     f'{text}: what the controller is told stands in the cell file alone'
                 )

@@ -9,6 +9,7 @@ from typing import Any
 
 from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
 from waam_job.model.limits import K_GAIN_MAX
+from waam_plan import cli_shaft
 from waam_process.cli_options import Options, Verbs, add_options, add_verb
 from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
 
@@ -30,6 +31,7 @@ examples:
   waam job run jaw_nominal.stl --as-found jaw_worn.stl --material er70s-6
   waam job run vase.stl --mode build --layers 3 --loop-mode monitor
   waam job run bracket.3mf --mode build --repair --set levels=adaptive --set overhang=flag
+  waam job run worn.npz --shaft 40 --ends 14                      a shaft in the chuck of a cell that has one
   waam job run vase.gcode --dialect slicer --nominal vase.stl     the path of another slicer, corrected
   waam job run wall.nc --dialect mywelder.yaml                    without a nominal part: monitor
 
@@ -123,6 +125,7 @@ def add_run_options(p: argparse.ArgumentParser) -> None:
     """What a job is told."""
     add_options(p, ('part', Path, PART_HELP))
     add_program(p)
+    cli_shaft.add_shaft(p)
     add_options(p, *RUN)
     add_loop_mode(p)
     add_options(p, *RECORD)

@@ -1,5 +1,6 @@
 """waam demo: the same worn part, the same seed, open loop and closed loop, and a page that compares them; then a part
-that is machined afterwards, with its forecast. On the robot also closed loop on the gantry, beside it."""
+that is machined afterwards, with its forecast. On the robot also closed loop on the gantry, beside it. With --part
+shaft a shaft that turns in a chuck."""
 
 from __future__ import annotations
 
@@ -22,17 +23,19 @@ from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 
+from . import demo_shaft
 from .cli_graph import params_files
 from .cli_job import add_run_options
 from .client import ClientError, GraphClient
 from .graph import Settings
-from .jobs import make_goal
+from .jobs import checked_of, make_goal, place_part
 from .operate import default_domain, ended, graph, graph_watch
 from .paths import jobs_dir, share
 from .progress import JobProgress
 
 PART, WORN = 'jaw_nominal.stl', 'jaw_worn.stl'
 MACHINED = 'die_nominal.stl', 'die_worn.stl'  # nominal and worn part of the second job
+SHAFT = 'shaft'  # of --part
 FORECAST_CELLS = 4  # that its forecast runs on
 # simulated seconds per second at most: its cell waits for the nodes, as the gantry's does
 ROBOT_RATE = 10.0
@@ -40,6 +43,10 @@ ROBOT_RATE = 10.0
 
 def demo(args: argparse.Namespace) -> int:
     """Exit status: 0 when all jobs were done, whatever their verdict. ValueError for a missing parameter file."""
+    if args.part == SHAFT and args.machine != GANTRY:
+        raise ValueError(
+            f'--part {SHAFT} does not go with --machine {args.machine}: only the gantry has a chuck'
+        )
     return run_demo(args, params_files(args))
 
 
@@ -50,13 +57,20 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
     folder = jobs / make_job_id('demo')
     folder.mkdir(parents=True)
     started = time.monotonic()
+    turns = args.part == SHAFT
+    run = folder / '.run'
+    what = f'{PART} ({WORN} lies on the simulated table)'
+    if turns:
+        run.mkdir()
+        params_files = (demo_shaft.chuck_params(run), *params_files)
+        what = f'a worn shaft ({demo_shaft.write(folder).name} turns in the simulated chuck)'
     console.print(
-        f'Restoring {PART} ({WORN} lies on the simulated table), seed {args.seed}, cell {args.preset}. '
+        f'Restoring {what}, seed {args.seed}, cell {args.preset}. '
         'Starting the graph ...'
     )
     # a demo needs no operator's page, and two cores are few
     settings = Settings(
-        run=folder / '.run',
+        run=run,
         rate=args.rate or (ROBOT_RATE if args.machine == ROBOT else 0.0),
         seed=args.seed,
         without=('panel',),
@@ -88,7 +102,7 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
 def _is_whole(args: argparse.Namespace) -> bool:
     """Whether this demo shows all that it has: both loop modes, all layers, the gantry."""
     both = {LoopMode.OPEN_LOOP, LoopMode.CLOSED_LOOP} <= set(args.loop_modes)
-    return both and args.machine == GANTRY and not args.layers
+    return both and args.machine == GANTRY and args.part != SHAFT and not args.layers
 
 
 def _second(client: GraphClient, args: argparse.Namespace, folder: Path, run: Path) -> Path:
@@ -138,20 +152,26 @@ def _one(
     name: str = '',
     files: tuple[str, str] = (PART, WORN),
 ) -> Path:
-    """A job on the worn one of `files`; those of another part are laid for machining."""
+    """A job on the worn one of `files`, or on the shaft; those of another part are laid for machining."""
     parts = share('waam_bringup') / 'parts'
     part, worn = files
-    client.load_part(str((parts / worn).resolve()), (0.0, 0.0, 0.0), args.seed)
+    asked = [str(parts / part), *(['--finish', 'machined'] if part != PART else [])]
+    if args.part == SHAFT:
+        asked = demo_shaft.words(folder / demo_shaft.WORN)
     words = [
-        *(['--finish', 'machined'] if part != PART else []),
-        str(parts / part), '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
+        *asked, '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,
         '--layers', str(args.layers), '--operator', 'waam demo', '--wire-lot', 'simulated', '--gas', 'simulated',
         '--material', DEFAULT_MATERIAL,
         '--note', f'seed={args.seed}', '--note', f'preset={args.preset}', *(['--fresh'] if args.fresh else []),
     ]  # fmt: skip
     options = argparse.ArgumentParser()
     add_run_options(options)
-    goal = make_goal(options.parse_args(words), folder, folder.parent / job_folder.LEARNED_DIR)
+    told = options.parse_args(words)
+    if args.part == SHAFT:
+        place_part(client, told, checked_of(told), args.seed)
+    else:
+        client.load_part(str((parts / worn).resolve()), (0.0, 0.0, 0.0), args.seed)
+    goal = make_goal(told, folder, folder.parent / job_folder.LEARNED_DIR)
     with JobProgress((name or loop_mode).replace('_', ' ')) as progress:
         result = client.run_job(goal, progress, graph_watch(run))
     if not result.job_dir:

@@ -212,8 +212,11 @@ def told_to(node: str, settings: Settings) -> dict[str, Any]:
 
 
 def machine_steps(settings: Settings) -> str:
-    """Steps that a mm of the simulated gantry takes: by --machine-steps, else those of the bridge's parameters."""
+    """Steps that a mm of the simulated gantry takes: by --machine-steps, else those of the bridge's parameters. Of a
+    chuck in place of X a thousandth of those of a turn, for its cell knows turns."""
     told = told_to('bridge', settings)
+    if turn := told_to('job_sequencer', settings).get('chuck_steps_per_turn'):
+        told['steps_per_mm_x'] = turn / 1e3
     usual = Settings.machine_steps
     found = [
         told.get(f'steps_per_mm_{axis}', has) if has == default else has

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from waam_job.cli_program import asked_of, with_finish
+from waam_job.cli_program import asked_of, with_finish, with_shaft
 from waam_msgs.action import RunJob
 from waam_msgs.srv import AdjustJob
 from waam_node import job_folder
@@ -58,7 +58,7 @@ def _goal_fields(args: argparse.Namespace) -> dict[str, Any]:
         'allowance': args.allowance * 1e-3,
         'passes': args.passes,
         'wire_left': args.wire_left,
-        'plan_settings': (*with_finish(args), *getattr(args, 'set', ())),
+        'plan_settings': (*with_finish(args), *with_shaft(args), *getattr(args, 'set', ())),
         'repair': getattr(args, 'repair', False),
         'operator_name': getattr(args, 'operator', ''),
         'fresh': getattr(args, 'fresh', False),
@@ -84,6 +84,15 @@ def cell_notes(state: RunState) -> list[str]:
 
 def check_arguments(args: argparse.Namespace) -> Checked:
     """Refuses what can be refused without a graph. Returns the job with part and program read."""
+    checked = checked_of(args)
+    if args.as_found and not args.as_found.exists():
+        raise ValueError(f'--as-found {args.as_found}: no such file')
+    check_calibration(args)
+    return checked
+
+
+def checked_of(args: argparse.Namespace) -> Checked:
+    """Part and program read. ValueError with everything that is wrong with them."""
     from waam_job.model.goal import JobError, JobGoal, check
 
     goal = JobGoal(jobs_dir=Path('.'), **_goal_fields(args), **asked_of(args).goal_fields())
@@ -91,13 +100,9 @@ def check_arguments(args: argparse.Namespace) -> Checked:
         if getattr(args, name) < 0:
             raise ValueError(f'--{name} is {getattr(args, name)}, must not be negative')
     try:
-        checked = check(goal)
+        return check(goal, goal.shaft_diameter > 0)  # the sequencer knows what the cell has
     except JobError as e:
         raise ValueError(str(e)) from None
-    if args.as_found and not args.as_found.exists():
-        raise ValueError(f'--as-found {args.as_found}: no such file')
-    check_calibration(args)
-    return checked
 
 
 def check_calibration(args: argparse.Namespace) -> None:
@@ -195,26 +200,31 @@ def feed(args: argparse.Namespace) -> int:
     return 0
 
 
-def place_part(client: GraphClient, args: argparse.Namespace, checked: Checked) -> None:
-    """Simulated cell: the worn part where the program expects it, or for a build a plate under all that it reaches."""
+def place_part(
+    client: GraphClient, args: argparse.Namespace, checked: Checked, seed: int = -1
+) -> None:
+    """Simulated cell: the worn part where the program expects it, a worn shaft in its chuck, or for a build a plate
+    under all that it reaches. seed: of everything random in the cell; -1 = as configured."""
     if running := client.running_job():
         raise ClientError(
             f'a job is running already: {running.job_id} (waam status, waam job abort)'
         )
     if asked_of(args).mode == 'build':
-        client.load_part('', build_plate(checked.bounds[1].tolist()), -1)
+        client.load_part('', build_plate(checked.bounds[1].tolist()), seed)
         return
-    if not args.as_found:
+    worn = args.part if checked.shaft else args.as_found
+    if not worn:
         raise ValueError(
             'the simulated table is empty: say with --as-found which worn mesh lies on it (or use --mode build)'
         )
-    lies = checked.on_table(args.as_found)
+    lies = checked.on_table(worn)
     for note in lies.notes:
         print(f'as found: {note}')
     with TemporaryDirectory() as folder:
         file = Path(folder) / 'as_found.npz'
         lies.heights.save_npz(file)
-        client.load_part(str(file), (0.0, 0.0, 0.0), -1)
+        diameter = checked.shaft.diameter if checked.shaft else 0.0
+        client.load_part(str(file), (diameter, 0.0, 0.0), seed)
 
 
 def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:

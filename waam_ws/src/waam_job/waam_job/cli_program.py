@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from waam_plan import cli_shaft
 from waam_plan.cli_program import PART_HELP as PART_HELP
 from waam_plan.cli_program import add_program as add_program
 from waam_plan.settings import FINISHES as FINISHES
@@ -54,6 +55,11 @@ def add_loop_mode(p: argparse.ArgumentParser) -> None:
 def with_finish(args: argparse.Namespace) -> tuple[str, ...]:
     """--finish as a setting of the planner."""
     return (f'finish={args.finish}',) if getattr(args, 'finish', None) else ()
+
+
+def with_shaft(args: argparse.Namespace) -> tuple[str, ...]:
+    """--shaft and --ends as settings of the planner. ValueError for what does not go with them."""
+    return tuple(f'{k}={v!r}' for k, v in cli_shaft.settings_of(args).items())
 
 
 def asked_of(args: argparse.Namespace, default_mode: str = 'restore') -> Asked:

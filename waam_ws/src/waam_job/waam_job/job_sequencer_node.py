@@ -160,13 +160,14 @@ class JobSequencer(WaamNode):
         """A new folder, or that of the job to resume. Raises JobError with everything that is wrong."""
         self.cell.read_parameters()
         kept = {'parameters': asdict(self.params), 'nodes': self.cell.parameters()}
+        chuck = self.settings.chuck_steps_per_turn > 0
         if request.resume_dir:
             folder, goal = reopen(request)
-            checked = self._with_all_that_is_wrong(lambda: recheck(goal, folder))
+            checked = self._with_all_that_is_wrong(lambda: recheck(goal, folder, chuck))
             run = keep_resume(folder, goal, checked, kept)
         else:
             goal, run = convert.goal_from_msg(request, self.params.jobs_dir), 1
-            checked = self._with_all_that_is_wrong(lambda: check(goal))
+            checked = self._with_all_that_is_wrong(lambda: check(goal, chuck))
             folder = new_folder(goal, checked, kept)
         if self.params.job_pointer:
             write_atomically(Path(self.params.job_pointer), str(folder.path))

@@ -13,7 +13,7 @@ from waam_adapt import conversions as convert
 from waam_bringup.cli import main
 from waam_job.model.goal import Code, JobError, JobGoal, check
 from waam_lab import restore_shaft, run
-from waam_lab.shaft import figures
+from waam_job.model.shaft import figures
 from waam_lab.shafts import WornShaft
 from waam_lab.watch import LayerWatch
 from waam_node.conversions import grid_from_msg

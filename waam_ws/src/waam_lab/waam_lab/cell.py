@@ -58,7 +58,7 @@ PACE = 15.0  # simulated seconds in a second that the job waits: about the rate 
 
 def _device(machine: str, params: LabParams, plant: Plant) -> Machine:
     if machine == GANTRY:
-        return Machine(params.bridge, plant)
+        return Machine(params.bridge, plant, params.job_sequencer.chuck_steps_per_turn)
     return RobotMachine(params.robot_bridge, plant)
 
 

@@ -15,12 +15,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from waam_job.cli_program import asked_of, with_finish
+from waam_job.cli_program import asked_of, with_finish, with_shaft
 from waam_job.model.goal import JobError, JobGoal, check
 from waam_job.store.folder import make_job_id
 from waam_node.revision import software_revision
-from waam_plan import cli_shaft
-from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
+from waam_process.operating import DEFAULT_MATERIAL, ROBOT
 
 from . import params, report
 from .advance import JobAdvance
@@ -99,7 +98,7 @@ def job_of(args: argparse.Namespace, out: Path) -> tuple[LabJob, tuple[str, ...]
         if args.machine != ROBOT:
             raise ValueError('--urdf belongs to --machine robot')
         overrides = urdf_settings.settings(args.urdf, overrides)
-    shaft = tuple(f'{k}={v!r}' for k, v in cli_shaft.settings_of(args).items())
+    shaft = with_shaft(args)
     goal = JobGoal(
         material=args.material or wire or DEFAULT_MATERIAL,
         jobs_dir=(out / 'jobs').resolve(),
@@ -140,7 +139,7 @@ def _check(job: LabJob, args: argparse.Namespace) -> tuple[str, ...]:
         raise ValueError('--as-found belongs to mode restore; a build begins on a flat plate')
     known = params.make(job.overrides, preset=job.preset)
     try:
-        checked = check(job.goal, chuck=job.machine == GANTRY)
+        checked = check(job.goal, job.chuck)
     except JobError as e:
         raise ValueError(str(e)) from None
     return on_table(job, checked, known, physics_of(job, known)).notes

@@ -195,7 +195,7 @@ def write(f: Forecast, facts: dict, out: Path | None) -> list[Path]:
 
     from . import pictures
 
-    places = [forecasts.folder_of(check(f.job.goal, chuck=f.job.shaft_diameter > 0))] + (
+    places = [forecasts.folder_of(check(f.job.goal, f.job.chuck))] + (
         [out] if out else []
     )
     maps, tolerance = f.maps, f.job.goal.tolerance

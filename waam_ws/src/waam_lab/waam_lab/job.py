@@ -12,7 +12,6 @@ import numpy as np
 
 from waam_job.model.goal import JobGoal
 from waam_plan.finish import MACHINED
-from waam_plan.settings import assigned
 from waam_process.grid import GridSpec
 from waam_process.operating import DEFAULT_MATERIAL, DEFAULT_PRESET, GANTRY
 from waam_process.verdicts import FAILED, GOOD
@@ -58,8 +57,12 @@ class LabJob:
     @property
     def shaft_diameter(self) -> float:
         """m, nominal, of a shaft that turns; 0 for a part that lies still."""
-        given = assigned(self.goal.plan_settings).get('shaft_diameter', 0.0)
-        return given if isinstance(given, float) else 0.0
+        return self.goal.shaft_diameter
+
+    @property
+    def chuck(self) -> bool:
+        """Whether its cell turns a shaft in place of the X axis: laboratories of a gantry have what a job needs."""
+        return self.machine == GANTRY and self.shaft_diameter > 0
 
 
 # of LabJob, beside those of its goal
@@ -130,7 +133,7 @@ class LabResult:
     stock_mean: float = math.nan  # m to be machined off what was laid
     stock_high: float = math.nan  # m, 99 % of it have less
     unlaid_share: float = math.nan  # of the needed area: too narrow or too shallow for a bead
-    # of a shaft, see `shaft.ShaftFigures`
+    # of a shaft, see `waam_job.model.shaft.ShaftFigures`
     clean_diameter: float = math.nan
     roundness: float = math.nan
     new_run_out: float = math.nan

@@ -21,8 +21,8 @@ from waam_job.store.program import keep_program
 from waam_node import job_folder
 from waam_plan.mesh.placed import Table
 from waam_process.grid import HeightGrid
-from waam_process.operating import GANTRY, MACHINES, build_plate
-from waam_process.unrolled import LONGEST_AXIS, OVERLAP
+from waam_process.operating import CHUCK_STEPS, MACHINES, build_plate
+from waam_process.unrolled import LONGEST_AXIS
 from waam_process.verdicts import FAILED
 from waam_sim import part as parts
 from waam_sim.config import GROUPS, plant_params
@@ -47,7 +47,8 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
     """
     known = params.make(job.overrides, preset=job.preset)
     _check_cell(job)
-    checked = check(replace(job.goal, learned_dir=job.learned), chuck=job.machine == GANTRY)
+    chuck = job.chuck or known.job_sequencer.chuck_steps_per_turn > 0
+    checked = check(replace(job.goal, learned_dir=job.learned), chuck)
     known = _with_chuck(job, checked, known)
     physics = physics_of(job, known)
     plant = _plant(on_table(job, checked, known, physics).heights, checked, physics, job.seed)
@@ -78,10 +79,14 @@ def run(job: LabJob, watch: LayerWatch | None = None) -> LabResult:
 
 
 def _with_chuck(job: LabJob, checked: Checked, known: params.LabParams) -> params.LabParams:
-    """With an X axis for some turns of a shaft: a chuck has no end, the controller's longest axis has."""
+    """With a chuck in place of the X axis for a shaft: it has no end, the controller's longest axis has."""
     if checked.shaft is None:
         return known
-    return params.make({'bridge': {'envelope_x': LONGEST_AXIS}}, job.overrides, preset=job.preset)
+    own = {
+        'bridge': {'envelope_x': LONGEST_AXIS},
+        'job_sequencer': {'chuck_steps_per_turn': CHUCK_STEPS},
+    }
+    return params.make(own, job.overrides, preset=job.preset)
 
 
 def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) -> Plant:
@@ -89,8 +94,7 @@ def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) 
     shaft = checked.shaft
     if shaft is None:
         return Plant(lies, physics, seed)
-    chuck = Chuck(shaft.period, OVERLAP, shaft.scale, float(shaft.radius_at(0.0)))
-    return ShaftPlant(lies, chuck, physics, seed)
+    return ShaftPlant(lies, Chuck.of(shaft), physics, seed)
 
 
 def _check_cell(job: LabJob) -> None:

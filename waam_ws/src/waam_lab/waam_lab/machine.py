@@ -33,8 +33,9 @@ class Machine:
     """`advance` lets time pass. Results go to the listeners: on_frame(Telemetry), on_outbox(Outbox),
     on_temperature(time_us, degC), on_profiles(Profiles), on_exchange(samples (n,) of SAMPLE, Plant)."""
 
-    def __init__(self, params: CommonParams, plant: Plant) -> None:
-        self.bridge, self.plant = Bridge(params), plant
+    def __init__(self, params: CommonParams, plant: Plant, turn_steps: float = 0.0) -> None:
+        """turn_steps: of a chuck in place of the X axis, 0 = there is none."""
+        self.bridge, self.plant, self._turn_steps = Bridge(params), plant, turn_steps
         self.controller = self._make_controller()
         self.time_us = EPOCH_US
         self.on_frame: Callable[[Telemetry], None] = lambda frame: None
@@ -48,12 +49,14 @@ class Machine:
         self._rest = b''  # of a line that is not complete
 
     def _make_controller(self) -> Controller | RobotController:
-        """The gantry takes the steps per mm that the parameters say, else the controller's own."""
+        """The gantry takes the steps per mm that the parameters say, else the controller's own; a chuck a thousandth of
+        those of a turn, for 1 m is one (`Plant.placed_samples`)."""
         p = self.bridge.params
         assert isinstance(p, BridgeParams)  # of a robot: RobotMachine
         steps = (p.steps_per_mm_x, p.steps_per_mm_y, p.steps_per_mm_z)
         controller = Controller(EPOCH_US)
-        controller.machine_steps([STEPS_PER_MM if math.isnan(v) else v for v in steps])
+        true = [STEPS_PER_MM if math.isnan(v) else v for v in steps]
+        controller.machine_steps([self._turn_steps / 1e3 or true[0], *true[1:]])
         return controller
 
     def close(self) -> None:
@@ -105,6 +108,7 @@ class Machine:
             self.controller.feed(data)
             self.bridge.link.wrote(now)
         self.controller.step(self._samples)
+        self._samples[:] = self.plant.placed_samples(self._samples)
         self.time_us += self._step_us
         self._live()
         self.on_exchange(self._samples, self.plant)

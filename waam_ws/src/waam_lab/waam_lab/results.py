@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from waam_plan.plan import Plan
 from waam_process.grid import GridSpec
 from waam_process.verdicts import FAILED
 
-from . import causes, shaft
+from . import causes
 from .job import LabJob, LabMaps, LabResult
 
 LARGEST_SHARE = 0.995  # share of the judged cells: a part does not fail by single cells beyond it
@@ -33,7 +32,7 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
     )
     rows = [r for r in run.get('layers', []) if not r.get('final')]
     judged = run.get('rms_mm') is not None
-    of_shaft = shaft.figures(first, maps[-1]['z']) if final and first else None
+    round_part = run.get('shaft') or {}
     return LabResult(
         seed=job.seed,
         verdict=report.get('verdict', FAILED),
@@ -53,7 +52,11 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
         stock_mean=_metres(run.get('stock') or {}, 'mean_mm'),
         stock_high=_metres(run.get('stock') or {}, 'high_mm'),
         unlaid_share=_number(run.get('unlaid') or {}, 'share'),
-        **(asdict(of_shaft) if of_shaft else {}),
+        clean_diameter=_metres(round_part, 'clean_diameter_mm'),
+        roundness=_metres(round_part, 'roundness_mm'),
+        new_run_out=_metres(round_part, 'new_run_out_mm'),
+        seam_step=_metres(round_part, 'seam_step_mm'),
+        axis=_axis(round_part),
         layer_means=layer_means(maps),
         layer_rms=layer_rms(maps),
         layers=len(rows),
@@ -67,6 +70,12 @@ def read(folder: JobFolder, job: LabJob, first: Plan | None, time: float, cpu: f
         folder=folder.path if job.keep else None,
         cpu=cpu,
     )
+
+
+def _axis(round_part: dict[str, Any]) -> tuple[float, float]:
+    """m; NaN without a shaft."""
+    x, y = (math.nan if v is None else v * 1e-3 for v in round_part.get('axis_mm', (None, None)))
+    return x, y
 
 
 def largest(maps: LabMaps) -> float:

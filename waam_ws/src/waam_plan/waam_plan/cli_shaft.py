@@ -38,8 +38,8 @@ def add_shaft(p: argparse.ArgumentParser) -> None:
 
 def settings_of(args: argparse.Namespace) -> dict[str, Any]:
     """Settings of the planner, SI; {} without a shaft. ValueError for what does not go with one."""
-    if args.shaft is None:
-        if args.ends is not None:
+    if getattr(args, 'shaft', None) is None:
+        if getattr(args, 'ends', None) is not None:
             raise ValueError('--ends belongs to --shaft')
         return {}
     if args.ends is None:
@@ -57,7 +57,7 @@ def settings_of(args: argparse.Namespace) -> dict[str, Any]:
         raise ValueError(
             f'--post {args.post} not with --shaft: programs of robots that turn a shaft are not built'
         )
-    if args.machine != GANTRY:
+    if getattr(args, 'machine', GANTRY) != GANTRY:
         raise ValueError(
             "--shaft does not go with --machine robot: a positioner's turn axis for shafts is not built, only a chuck "
             'in place of the X axis of a gantry'

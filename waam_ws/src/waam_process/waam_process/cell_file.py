@@ -18,6 +18,7 @@ import yaml
 from .cell_keys import (
     AXES,
     KEYS,
+    MACHINE,
     NUMBER,
     PLATE,
     SECTIONS,
@@ -60,7 +61,7 @@ class CellFile:
     @property
     def machine_sha256(self) -> str:
         """Of what the controller is told, whatever the file looks like: comments and other sections do not count."""
-        told = {k: v for k, v in self.values.items() if k.startswith(AXES)}
+        told = {k: v for k, v in self.values.items() if k.startswith(MACHINE)}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
     def where(self, path: str) -> str:

@@ -16,7 +16,9 @@ NUMBER, WHOLE, TEXT, SWITCH, PAIR, TRIPLE = (
 SIZES = {PAIR: 2, TRIPLE: 3}
 MILLI = 1e-3
 HOME = {'low': -1, 'high': 1}
-AXES = 'axes.'  # what the controller is told at connect: the machine's part of a file
+AXES = 'axes.'  # what the controller is told at connect
+CHUCK = 'chuck.steps_per_turn'  # what it is told by a job
+MACHINE = (AXES, 'chuck.')  # how the paths of the machine's part of a file begin
 BOARD, INSTRUMENT = 'bridge', 'pyrometer'  # nodes that measure the part's temperature
 
 
@@ -139,6 +141,8 @@ KEYS: dict[str, Key] = {
             '40', 'mm/s', (('bridge', 'home_seek_speed'),), MILLI, given=True, simulated=True),
         Key('axes.home_latch_mm_s', NUMBER, 'of homing onto the switch', '2', 'mm/s', (('bridge', 'home_latch_speed'),),
             MILLI, given=True, simulated=True),
+        Key(CHUCK, NUMBER, 'of its motor for one turn of the chuck, gear and microsteps included', '32000', '',
+            (('job_sequencer', 'chuck_steps_per_turn'), ('cell', 'chuck_steps_per_turn')), simulated=True),
         Key(PORT, TEXT, 'of the controller, by its id (waam ports)', '/dev/serial/by-id/waam'),
         Key('link.baud', WHOLE, 'of a true UART; 0 = the rate that answers', '921600', 'Bd', (('bridge', 'baud'),)),
         _limit('arc_speed_mm_s', 'travel with the arc on, lowest and highest', '[3, 20]', 'mm/s', 'arc_speed', MILLI),
@@ -189,6 +193,8 @@ KEYS: dict[str, Key] = {
 SECTIONS = {  # heading -> what stands above it in a new file
     'axes': 'Told to the controller at connect, read back and compared. MEASURE YOUR MACHINE: these are the values\n'
     'that a controller has when nobody tells it anything.',
+    'chuck': 'Only where a chuck turns shafts in place of the X axis (simulated cells; docs/real_cell.md). x is then mm of\n'
+    'the unrolled shaft: take steps_per_mm out of axes.x, and let its envelope_mm be 3500.',
     'link': 'With a port, waam up talks to a real machine (waam up --simulated: not).',
     'process': 'What the bridge refuses to go beyond, whatever a program says.',
     'source': '',

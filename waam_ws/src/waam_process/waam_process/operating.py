@@ -13,6 +13,9 @@ PRESETS = {  # how rough the simulated cell is (waam_sim/config/presets), in wor
 DEFAULT_PRESET = 'recorded'  # the one place that says which, where none is named
 GANTRY, ROBOT = MACHINES = ('gantry', 'robot')  # what may move the torch
 
+# steps for a turn of the chuck of a simulated cell, where nobody says how many
+CHUCK_STEPS = 32000.0
+
 # range of an operator's factor on the programmed value (Override.msg; the controller checks it again)
 SPEED_FACTOR = (0.1, 2.0)  # travel speed
 WIRE_FACTOR = (0.5, 1.5)  # wire feed

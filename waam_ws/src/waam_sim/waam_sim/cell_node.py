@@ -21,6 +21,7 @@ from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
 from waam_node.qos import BEAT, LATCHED, PROFILES
 from waam_process.grid import HeightGrid
+from waam_process.unrolled import Unrolled
 
 from . import part
 from .config import CellParams, plant_params
@@ -28,9 +29,13 @@ from .conversions import Batcher, clock_to_msg, temperature_to_msg
 from .pace import Pace
 from .plant import Plant, warm_up
 from .port import PlantPort
-from .table import restore
+from .shaft_plant import Chuck, ShaftPlant
+from .table import kept_diameter, restore
 
 CLOCK_PERIOD_US = 50_000  # of /clock, in controller time
+BLANK, BLANK_LENGTH = Unrolled(0.040), 0.060  # m, the shaft in a chuck until one is loaded
+NO_CHUCK = 'a shaft turns in a chuck in place of the X axis, and this cell has none (chuck.steps_per_turn)'
+CHUCK_ONLY = 'the X axis of this cell is a chuck (chuck.steps_per_turn): it clamps shafts, no part that lies still'
 # of a job that computes as soon as the machine stands
 COMPUTING = (JobStatus.PREPARING, JobStatus.SCANNING, JobStatus.CORRECTING, JobStatus.FINISHING)
 
@@ -44,14 +49,16 @@ class Cell(WaamNode):
         physics = plant_params(p)
         metal = physics.metal
         self._table = Path(p.table_file) if p.table_file else None
-        kept = restore(self._table) if self._table else None
-        if kept is not None:
-            self.get_logger().info(f'on the table lies what was left there ({self._table})')
-        length, width, thickness = p.plate
-        plate = part.plate(length, width, thickness, metal.cell, metal.margin)
-        self._plant = Plant(plate, physics, p.seed)
-        if self._table is not None:
-            self._plant.load(kept or plate, p.seed, self._table)
+        self._physics, self._has_chuck = physics, p.chuck_steps_per_turn > 0
+        kept, diameter = self._kept()
+        if self._has_chuck:
+            shaft = Unrolled(diameter or BLANK.diameter)
+            first = kept or part.shaft(shaft, BLANK_LENGTH, metal.cell, metal.margin)
+            self._plant = self._clamped(first, shaft)
+        else:
+            first = kept or part.plate(*p.plate, metal.cell, metal.margin)
+            self._plant = self._clamped(first, None)
+        self._plant.load(first, p.seed, self._table)
         self._batcher = Batcher(self._plant.scanner.lateral, physics.scanner.batch)
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -81,6 +88,22 @@ class Cell(WaamNode):
         if self._port is not None:
             self._port.close()
         self._thread.join(2.0)
+
+    def _kept(self) -> tuple[HeightGrid | None, float]:
+        """What was left in the cell, and the diameter (m) when it is a shaft; of the other kind it is gone."""
+        kept = restore(self._table) if self._table else None
+        diameter = kept_diameter(self._table) if self._table else 0.0
+        if kept is None or (diameter > 0) != self._has_chuck:
+            return None, 0.0
+        where = 'in the chuck' if diameter else 'on the table'
+        self.get_logger().info(f'{where} lies what was left there ({self._table})')
+        return kept, diameter
+
+    def _clamped(self, lies: HeightGrid, shaft: Unrolled | None) -> Plant:
+        """The cell with a part on its table, or with a shaft in its chuck. ValueError for one that does not fit."""
+        if shaft is None:
+            return Plant(lies, self._physics, self.params.seed)
+        return ShaftPlant(lies, Chuck.of(shaft), self._physics, self.params.seed)
 
     def _prepare(self) -> None:
         """What has to be known before the thread starts. ValueError ends the node with the text."""
@@ -123,8 +146,9 @@ class Cell(WaamNode):
                 samples, time_us = port.receive()
                 start = time.perf_counter()
                 with self._lock:
-                    port.answer(self._plant.step(samples, time_us))
-                    self._publish(samples, time_us)
+                    placed = self._plant.placed_samples(samples)
+                    port.answer(self._plant.step(placed, time_us))
+                    self._publish(placed, time_us)
                 self._busy += time.perf_counter() - start
                 self._steps += 1
                 if ahead := pace.ahead(samples, time_us, start, self._job_computes):
@@ -172,29 +196,41 @@ class Cell(WaamNode):
 
     def _on_load(self, request: LoadPart.Request, response: LoadPart.Response) -> LoadPart.Response:
         try:
-            loaded = self._part(request)
+            loaded, shaft = self._part(request)
+            plant = self._clamped(loaded, shaft) if shaft else None
             with self._lock:
                 if self._plant.arc_on:
                     raise part.PartError('the arc is on: a part can be changed only without it')
                 if self._job_runs:  # a request that waited may come in the midst of it
                     raise part.PartError('a job runs: a part can be changed only between jobs')
                 seed = self.params.seed if request.seed < 0 else request.seed
+                if plant is not None:
+                    plant.follow(self._plant)
+                    self._plant = plant
                 self._plant.load(loaded, seed, self._table)
-            response.message = f'part on the table, {loaded.z.max() * 1e3:.2f} mm high'
+            response.message = (
+                f'shaft of {shaft.diameter * 1e3:g} mm in the chuck'
+                if shaft
+                else f'part on the table, {loaded.z.max() * 1e3:.2f} mm high'
+            )
             response.success = True
         except ValueError as e:
             response.message = str(e)
         self.get_logger().info(f'load_part: {response.message}')
         return response
 
-    def _part(self, request: LoadPart.Request) -> HeightGrid:
-        metal = self._plant.params.metal
+    def _part(self, request: LoadPart.Request) -> tuple[HeightGrid, Unrolled | None]:
+        """What is to be clamped, and the shaft that it is. ValueError (LoadPart.srv)."""
+        metal, size = self._physics.metal, request.plate
+        shaft = Unrolled(size.x) if size.x > 0 and size.z == 0 else None
+        if (shaft is not None) != self._has_chuck:
+            raise part.PartError(CHUCK_ONLY if self._has_chuck else NO_CHUCK)
         if request.mesh_path:
-            tilt = self._plant.params.robot.tilt
-            return part.from_file(request.mesh_path, metal.cell, metal.margin, tilt)
-        return part.plate(
-            request.plate.x, request.plate.y, request.plate.z, metal.cell, metal.margin
-        )
+            tilt = self._physics.robot.tilt
+            return part.from_file(request.mesh_path, metal.cell, metal.margin, tilt), shaft
+        if shaft:
+            return part.shaft(shaft, size.y, metal.cell, metal.margin), shaft
+        return part.plate(size.x, size.y, size.z, metal.cell, metal.margin), None
 
     def _on_fault(
         self, request: InjectFault.Request, response: InjectFault.Response

@@ -55,6 +55,13 @@ class NodeParams:
     table_file: str = param(
         '', 'file that keeps what lies on the table when the cell ends; empty = nothing is kept'
     )
+    chuck_steps_per_turn: float = param(
+        0.0,
+        'of the chuck that turns shafts in place of the X axis; 0 = X is a straight axis. The virtual controller then '
+        'moves X by turns (--machine-steps: a thousandth of it)',
+        '',
+        0.0,
+    )
     pace: float = param(1.0, 'of a cell with a robot: simulated seconds per second', '', 0.01, 20.0)
 
 

@@ -88,6 +88,8 @@ class Plant:
     """The simulated cell with one work-piece. fed: wire so far, m; gassed: for how long gas has flowed, s.
     Not thread-safe: one caller at a time."""
 
+    diameter = 0.0  # m, nominal, of a shaft in a chuck; 0 = the part lies on the table
+
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
         self._model = number(self.params.metal.model)
@@ -109,7 +111,7 @@ class Plant:
         self.seed = seed
         self.metal = Metal.on(part, p.metal)
         if table is not None:
-            self.metal.z = keep(part, table)
+            self.metal.z = keep(part, table, self.diameter)
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = self._mounted()
@@ -123,6 +125,11 @@ class Plant:
         self.placed = Placement.flat(p.part, self.heat.spec, middle, random_state(seed, 5))
         self.aim(*middle)
         self._zero = np.array(p.work_zero, float)
+
+    def follow(self, other: Plant) -> None:
+        """Goes on in the cell of `other`, where this part is clamped in place of its own."""
+        self.faults, self.scanning, self.sensing = other.faults, other.scanning, other.sensing
+        self.time_us, self.fed, self.gassed = other.time_us, other.fed, other.gassed
 
     def put_on_robot(self) -> None:
         """A robot carries the scanner: its scans share `robot_scan_error`, not the error of a gantry."""
@@ -163,6 +170,10 @@ class Plant:
     def spot_temperature(self) -> float:
         """True one where the pyrometer looks, degrees Celsius."""
         return self.heat.at(*self.spot) + self.faults.share('warm_hand')
+
+    def placed_samples(self, samples: np.ndarray) -> np.ndarray:
+        """Samples of the plant port (n,) of SAMPLE as `step` takes them: places of the axes in m."""
+        return samples
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """Simulates samples (n,) of SAMPLE, 1 ms each, the last at time_us."""

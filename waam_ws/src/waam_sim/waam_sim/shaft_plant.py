@@ -20,6 +20,7 @@ import numpy as np
 
 from waam_process.grid import HeightGrid
 from waam_process.plant_port import SAMPLE
+from waam_process.unrolled import OVERLAP, Unrolled
 
 from .plant import Plant, PlantParams, Profiles, Reading
 
@@ -38,6 +39,12 @@ class Chuck:
     first: float  # x where the first turn begins
     scale: float  # radius at which x is as long as the surface
     core: float  # radius at z = 0
+    diameter: float = 0.0  # nominal, of the shaft
+
+    @classmethod
+    def of(cls, shaft: Unrolled) -> Chuck:
+        """With a shaft as it is unrolled."""
+        return cls(shaft.period, OVERLAP, shaft.scale, float(shaft.radius_at(0.0)), shaft.diameter)
 
     def share(self, z: float) -> float:
         """Area on the shaft over area of the field."""
@@ -69,13 +76,19 @@ class ShaftPlant(Plant):
             raise ValueError(
                 f'the field shows {x0:g} to {x1:g} m, not the turn and {REACH:g} m beside it'
             )
-        self.chuck = chuck
+        self.chuck, self.diameter = chuck, chuck.diameter
         self._turns = 0
         self._samples = np.zeros(0, SAMPLE)
         flat = dataclasses.replace(params.part, warp=0.0)
         heat = dataclasses.replace(params.heat, table_conductance=CHUCK_CONDUCTANCE)
         super().__init__(part, dataclasses.replace(params, part=flat, heat=heat), seed)
         self._wire = float(self.metal.params['wire_diameter'][0])
+
+    def placed_samples(self, samples: np.ndarray) -> np.ndarray:
+        """As of Plant. The chuck knows turns: 1 m of the plant port's table_x is one."""
+        placed = samples.copy()
+        placed['table_x'] *= self.chuck.period
+        return placed
 
     def step(self, samples: np.ndarray, time_us: int) -> Reading:
         """As of Plant; the chuck may have made any number of turns."""

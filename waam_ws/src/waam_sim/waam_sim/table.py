@@ -13,14 +13,15 @@ import numpy as np
 from waam_process.grid import GridSpec, HeightGrid
 
 
-def keep(surface: HeightGrid, path: Path) -> np.ndarray:
-    """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it."""
+def keep(surface: HeightGrid, path: Path, diameter: float = 0.0) -> np.ndarray:
+    """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it, with the
+    nominal diameter (m) of a shaft in a chuck."""
     _geometry(path).unlink(missing_ok=True)  # the pair is valid only while the geometry is there
     kept = np.lib.format.open_memmap(path, mode='w+', dtype=np.float64, shape=surface.z.shape)
     kept[:] = surface.z
     kept.flush()
     s = surface.spec
-    data = [s.origin_x, s.origin_y, s.resolution, s.rows, s.cols]
+    data = [s.origin_x, s.origin_y, s.resolution, s.rows, s.cols, diameter]
     _geometry(path).write_text(json.dumps(data))
     return np.asarray(kept)
 
@@ -28,7 +29,7 @@ def keep(surface: HeightGrid, path: Path) -> np.ndarray:
 def restore(path: Path) -> HeightGrid | None:
     """The surface when the cell ended; None when nothing usable was kept."""
     try:
-        x, y, resolution, rows, cols = json.loads(_geometry(path).read_text())
+        x, y, resolution, rows, cols = json.loads(_geometry(path).read_text())[:5]
         z = np.load(path)
         spec = GridSpec(x, y, resolution, rows, cols)
     except (OSError, ValueError, TypeError, EOFError):
@@ -36,6 +37,14 @@ def restore(path: Path) -> HeightGrid | None:
     if z.shape != spec.shape or not np.isfinite(z).all():
         return None
     return HeightGrid(spec, z)
+
+
+def kept_diameter(path: Path) -> float:
+    """m, of the shaft that `restore` finds; 0 for what lies on a table."""
+    try:
+        return float(json.loads(_geometry(path).read_text())[5])
+    except (OSError, ValueError, TypeError, LookupError):
+        return 0.0
 
 
 def _geometry(path: Path) -> Path:

@@ -65,8 +65,12 @@ class JobError(RuntimeError):
 
 MODES = ('restore', 'build')
 NO_CHUCK = (
-    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, which only the gantry of the laboratory has '
-    '(waam lab --shaft); jobs of a real cell, of the graph and of a robot are not built for it, and would lay it flat'
+    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, and this cell has none: it would lay it flat. The '
+    'file of a cell that has one says chuck.steps_per_turn (docs/real_cell.md); a robot has none'
+)
+CHUCK_ONLY = (
+    'the X axis of this cell is a chuck (chuck.steps_per_turn of its file), which turns shafts (--shaft, --ends); a part '
+    'that lies still needs a cell with a straight X axis'
 )
 # planner settings that have a field of their own in the goal, or that follow from machine and map
 GIVEN = {
@@ -122,6 +126,15 @@ class JobGoal:
     def file(self) -> Path:
         """What is laid: the program, else the part."""
         return self.program or self.part
+
+    @property
+    def shaft_diameter(self) -> float:
+        """m, nominal, of a shaft that turns; 0 for a part that lies still, and where the settings are wrong."""
+        try:
+            given = assigned(self.plan_settings, GIVEN).get('shaft_diameter', 0.0)
+        except SettingsError:  # told by `field_problems`
+            return 0.0
+        return given if isinstance(given, float) else 0.0
 
     @property
     def has_part(self) -> bool:
@@ -268,17 +281,18 @@ class Checked:
 def check(goal: JobGoal, chuck: bool = False) -> Checked:
     """Reads part, program and material. Raises JobError that names everything that is wrong.
 
-    chuck: whether the cell turns a shaft in place of its X axis; without it a shaft is refused, for it would be laid
-    flat.
+    chuck: whether the cell turns a shaft in place of its X axis. Only there a shaft is laid, and nothing else.
     """
     problems = [(Code.BAD_GOAL, p) for p in field_problems(goal)]
     shaft = None
     try:
-        shaft = _shaft(goal)
+        shaft = Unrolled(goal.shaft_diameter) if goal.shaft_diameter else None
     except ShaftError as e:
         problems.append((Code.BAD_GOAL, str(e)))
     if shaft and not chuck:
         problems.append((Code.BAD_GOAL, NO_CHUCK))
+    if chuck and not shaft and not problems:
+        problems.append((Code.BAD_GOAL, CHUCK_ONLY))
     if shaft and (goal.mode == 'build' or goal.program):
         problems.append((Code.BAD_GOAL, 'shaft_diameter belongs to a shaft that is restored'))
     part = program = material = None
@@ -308,16 +322,6 @@ def check(goal: JobGoal, chuck: bool = False) -> Checked:
     if part is not None:
         part = part.tilted(PlanSettings(**planner_fields(goal, material)).tilt_deg)
     return _placed(Checked(goal, part, material, program, in_file=in_file))
-
-
-def _shaft(goal: JobGoal) -> Unrolled | None:
-    """The shaft that the settings of the planner name; None for a part that lies still, and where they are wrong."""
-    try:
-        own = assigned(goal.plan_settings, GIVEN)
-    except SettingsError:  # told by `field_problems`
-        return None
-    diameter = own.get('shaft_diameter', 0.0)
-    return Unrolled(diameter) if isinstance(diameter, float) and diameter else None
 
 
 def _program(goal: JobGoal) -> Program | None:

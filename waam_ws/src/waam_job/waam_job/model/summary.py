@@ -42,6 +42,7 @@ def run_summary(
         'as_found_rms_mm': verdict.as_found_rms * 1e3,
         'stock': verdict.stock.facts() if verdict.stock else None,
         'unlaid': _unlaid(verdict),
+        'shaft': verdict.shaft.facts() if verdict.shaft else None,
         'verdict': verdict.word,
         'verdict_with_rim': verdict.word_all,
         'tolerance_map': verdict.tolerance_map,

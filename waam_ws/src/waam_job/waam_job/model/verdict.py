@@ -11,6 +11,7 @@ from waam_process import verdicts
 
 from .geometry import Deviation
 from .overrun import Overrun
+from .shaft import ShaftFigures
 from .stock import Stock
 
 
@@ -26,6 +27,7 @@ class Verdict:
     overrun: Overrun = Overrun()
     stock: Stock | None = None  # of a job with finish machined
     unlaid: Unlaid | None = None  # of a restoration
+    shaft: ShaftFigures | None = None  # of a shaft
 
     @property
     def not_judged(self) -> str:
@@ -88,6 +90,8 @@ class Verdict:
             text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
         if math.isfinite(self.overrun.max):
             text += f'; {self.overrun.max * 1e3:.1f} mm over the sides'
+        if self.shaft is not None:
+            text += f'; {self.shaft.text}'
         if self.unlaid is not None and self.unlaid.area:
             text += f'; {self.unlaid.text}'
         return f'{self.word}: {text}'

@@ -39,6 +39,14 @@ class JobParams:
         'mode build: work zero seen from the corner of the clamped plate',
         'm',
     )
+    chuck_steps_per_turn: float = param(
+        0.0,
+        'of the motor of a chuck that turns shafts in place of the X axis, by which a job tells the controller the '
+        'steps per mm of its shaft; 0 = X is a straight axis',
+        '',
+        0.0,
+        1e6,
+    )
     resolution: float = param(0.5e-3, 'edge of a grid cell of the maps', 'm', 1e-4, 5e-3)
     margin: float = param(5e-3, 'map beyond the part on every side', 'm', 0.0, 0.1)
     follow_reach: float = param(
@@ -87,7 +95,7 @@ class JobParams:
 
 
 SAME = (
-    'cell_file', 'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
+    'cell_file', 'chuck_steps_per_turn', 'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
     'cold_metal', 'restart_metal', 'allow_unbelieved_temperature', 'share_in_tolerance',
 )  # fmt: skip
 

@@ -62,9 +62,9 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
     return folder, goal
 
 
-def recheck(goal: JobGoal, folder: JobFolder) -> Checked:
+def recheck(goal: JobGoal, folder: JobFolder, chuck: bool) -> Checked:
     """Part and material as at the start of the job; a mesh that was changed since then is refused."""
-    checked = check(goal)
+    checked = check(goal, chuck)
     before = folder.read_yaml(job_folder.JOB)
     for file, known, now in (
         (goal.part, before.get('part_sha256'), checked.part_sha256),

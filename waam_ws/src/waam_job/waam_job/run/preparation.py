@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from waam_process.units import to_mm
+
 from ..model.goal import Code, JobError
 from . import readiness
 from .context import JobContext
@@ -23,6 +25,7 @@ class Preparation:
         """Record, arming, homing, work zero of a machine that is ready. custom: key=value kept with the record."""
         self._acknowledge_power_up()
         self.cell.record(True, record_folder, custom)
+        self._set_chuck()
         self.cell.command('ARM', text=self.run_id, names=self.settings.lease_nodes)
         self.motion.until(
             lambda m: m.armed_job == self.run_id, CONFIRM_S, 'the controller did not arm'
@@ -33,6 +36,14 @@ class Preparation:
         self.cell.take_sums()
         self.cell.take_track()
         self.cell.take_warnings()
+
+    def _set_chuck(self) -> None:
+        """Steps per mm of the unrolled shaft: those of a turn over the length of a turn. New ones lose homing, and are
+        taken only before the controller is armed."""
+        shaft, steps = self.checked.shaft, self.settings.chuck_steps_per_turn
+        if shaft is None or not steps:
+            return
+        self.cell.command('CONFIGURE', text='steps_per_mm_x', value=steps / to_mm(shaft.period))
 
     def _acknowledge_power_up(self) -> None:
         """Starting a job acknowledges that the controller was switched on. Any other alarm is left to a person."""

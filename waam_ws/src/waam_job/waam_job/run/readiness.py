@@ -8,6 +8,10 @@ from ..model.cell import Cell, Heat, Machine
 from ..store import calibration, cell_file
 from .settings import Settings
 
+CHUCK_OF_REAL_CELL = (
+    'a chuck in place of the X axis (chuck.steps_per_turn) is simulated only: what a real one lacks stands in '
+    'docs/real_cell.md'
+)
 ZERO_LIMIT = 2e-5  # m between the zero asked for and the one that the controller reports
 
 
@@ -25,12 +29,15 @@ def problems(cell: Cell, settings: Settings) -> list[str]:
     days, simulated = settings.calibration_max_days, settings.simulated
     found.append(calibration.problem_today(file, days, simulated))
     found += as_the_file_says(cell, settings).refused
+    if settings.chuck_steps_per_turn and not simulated:
+        found.append(CHUCK_OF_REAL_CELL)
     return [p for p in found if p]
 
 
 def as_the_file_says(cell: Cell, settings: Settings) -> cell_file.Compared:
     """The cell file against the parameters of the nodes and this job's own."""
-    own = {'work_offset': settings.work_offset, 'plate_zero': settings.plate_zero}
+    names = 'work_offset', 'plate_zero', 'chuck_steps_per_turn'
+    own = {name: getattr(settings, name) for name in names}
     parameters = {**cell.parameters(), 'job_sequencer': own}
     return cell_file.compared(settings.cell_file, parameters, settings.simulated)
 

@@ -17,6 +17,7 @@ class Settings:
     work_offset: Point = (0.100, 0.080, 0.020)  # m, work zero in machine coordinates
     # m, mode build: work zero seen from the plate's corner
     plate_zero: Point = PLATE_ZERO
+    chuck_steps_per_turn: float = 0.0  # of a chuck in place of the X axis; 0 = there is none
     margin: float = 5e-3  # m, map beyond the part
     resolution: float = 0.5e-3  # m, edge of a grid cell
     follow_reach: float = 3e-3  # m, smoothing of the surface that the torch height follows

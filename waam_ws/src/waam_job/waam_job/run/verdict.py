@@ -11,6 +11,7 @@ from ..model.cell import Scan
 from ..model.overrun import overrun
 from ..model.program import deviation_of
 from ..model.records import LayerRecord
+from ..model.shaft import figures
 from ..model.stock import counted_area, stock_of
 from ..model.verdict import Verdict
 from ..store import stock_files, tolerance_map
@@ -49,6 +50,7 @@ def judge(context: JobContext, scan: Scan) -> Verdict:
         ),
         stock=stock_of(first, scan.map.z) if machined else None,
         unlaid=_unlaid(first) if first.mode == 'restore' else None,
+        shaft=figures(first, scan.map.z),
     )
     told = [verdict.text] if machined else []
     _report_last_layer(context, scan, (scan.map.z - target)[first.interior], told)

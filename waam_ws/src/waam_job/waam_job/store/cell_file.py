@@ -9,7 +9,7 @@ from typing import Any
 
 from waam_node import job_folder
 from waam_process.cell_file import LIMIT, CellError, CellFile, parse
-from waam_process.cell_keys import AXES
+from waam_process.cell_keys import MACHINE
 from waam_process.safe_files import FileError, read_text
 
 from .folder import JobFolder
@@ -48,9 +48,9 @@ def compared(file: str, parameters: Mapping[str, Mapping[str, Any]], simulated: 
     again = (
         'waam stop, waam up: the cell file was changed since, or a parameter file contradicts it'
     )
-    machine = [text for path, text in off.items() if path.startswith(AXES)]
+    machine = [text for path, text in off.items() if path.startswith(MACHINE)]
     refused = (f'{"; ".join(machine)} ({again})',) if machine else ()
-    return Compared(refused, tuple(text for path, text in off.items() if not path.startswith(AXES)))
+    return Compared(refused, tuple(text for path, text in off.items() if not path.startswith(MACHINE)))
 
 
 def keep(folder: JobFolder, file: str, run: int = 1) -> dict[str, str]:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from waam_job.model.stock import counted_area
 from waam_plan import finish
 from waam_plan.plan import Plan
 from waam_plan.shaft import run_out
 from waam_process.unrolled import OVERLAP, Unrolled
+
+from .stock import counted_area
 
 UNDULATIONS = 50  # per turn, up to which a profile counts for roundness (ISO 12181-2)
 ALL_ROUND = 0.95  # share of a turn that a profile needs
@@ -31,6 +33,20 @@ class ShaftFigures:
     seam_step: float = math.nan  # of the new surface across the seam of the map
     # of the shaft beside the chuck's, as it was found
     axis: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f'turned to {self.clean_diameter * 1e3:.2f} mm it is clean; roundness {self.roundness * 1e3:.2f} mm, '
+            f'run-out {self.new_run_out * 1e3:.2f} mm, step at the seam {self.seam_step * 1e3:+.2f} mm'
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """For report.json (docs/job_folder.md)."""
+        names = 'clean_diameter', 'roundness', 'new_run_out', 'seam_step'
+        lengths = {f'{n}_mm': getattr(self, n) * 1e3 for n in names}
+        return {**lengths, 'axis_mm': [v * 1e3 for v in self.axis]}
 
 
 def figures(plan: Plan, z: np.ndarray) -> ShaftFigures | None:
