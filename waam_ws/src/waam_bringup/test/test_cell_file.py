@@ -7,6 +7,7 @@ import re
 import pytest
 
 from waam_bringup import cell_check, cli
+from waam_bringup.calibrate import check_axis
 from waam_bringup.cell_desk import laboratory, material, reach
 from waam_bringup.cell_graph import PARAMETERS, apply
 from waam_bringup.graph import GraphError, Settings, load, machine_steps, processes, told_to
@@ -73,10 +74,10 @@ def test_a_new_cell_is_right_and_is_not_written_twice(cells, tmp_path, capsys):
         ('accel_mm_s2: 300', 'accel_mm_s2: 9', r':25: axes.z.accel_mm_s2 is 9 mm/s2, below its limit 50 mm/s2$'),
         ('speed_mm_s: 100', 'speed_mm_s: 400', r':23: axes.z.speed_mm_s is 400 mm/s: with 320 steps/mm 128000 steps '
          r'per second, above the limit 77000'),
-        ('zero_mm: [100,', 'zero_mm: [600,', r':45: work.zero_mm is at x 600 mm, outside 0 .. 400 mm'),
-        ('plate_mm: [20, 20,', 'plate_mm: [20, 250,', r':46: work.plate_mm is at y 330 mm, outside 0 .. 300 mm'),
+        ('zero_mm: [100,', 'zero_mm: [600,', r':50: work.zero_mm is at x 600 mm, outside 0 .. 400 mm'),
+        ('plate_mm: [20, 20,', 'plate_mm: [20, 250,', r':51: work.plate_mm is at y 330 mm, outside 0 .. 300 mm'),
         ('envelope_mm: 400', 'envelope_mm: ' + '9' * 400, r'axes.x.envelope_mm is 9+: wanted is a number'),
-        ('er70s-6', 'brass', r":42: source.material is 'brass', known are er70s-6"),
+        ('er70s-6', 'brass', r":47: source.material is 'brass', known are er70s-6"),
         ('# arc_speed_mm_s: [3, 20]', 'arc_speed_mm_s: [30, 20]', r'arc_speed_mm_s is \[30, 20\]: the lowest comes'),
         ('# low_c: 0', 'low_c: 0', 'low_c belongs to a pyrometer: sensors.pyrometer.source is missing'),
         ('# source: 4-20mA', 'source: 4-21mA', "source is '4-21mA', wanted is"),
@@ -100,7 +101,7 @@ def test_settings_of_an_instrument_are_not_those_of_the_controllers_input(cells,
     board = ('# source: 4-20mA', 'source: 4-20mA')
     cells(board, ('# low_c: 0', 'low_c: 900'), ('# high_c: 1000', 'high_c: 50'))
     said = refused(capsys, 'cell', 'check')[0]
-    assert re.search(r":53: sensors.pyrometer.high_c: .*not above 'temperature_low'", said)
+    assert re.search(r":58: sensors.pyrometer.high_c: .*not above 'temperature_low'", said)
 
 
 def test_limits_are_those_of_the_nodes_for_every_key():
@@ -182,12 +183,48 @@ def test_what_a_parameter_file_says_against_the_file_is_named_and_refused_for_th
     mine.write_text('/**/job_sequencer:\n  ros__parameters: {plate_zero: [0.0, 0.0, 0.0]}\n')
     said = apply(Settings(run=tmp_path, params_files=(mine,)), True).said
     assert 'job_sequencer plate_zero is [0.0, 0.0, 0.0] in a --params-file' in said[1]
-    assert 'cell.yaml:46: work.plate_mm' in said[1] and 'the parameter file counts' in said[1]
+    assert 'cell.yaml:51: work.plate_mm' in said[1] and 'the parameter file counts' in said[1]
     mine.write_text('/**/bridge:\n  ros__parameters: {envelope_x: 0.5}\n')
     with pytest.raises(GraphError, match=r'envelope_x is 0.5 .*cell.yaml:10: axes.x.envelope_mm is 400'):  # fmt: skip
         apply(Settings(run=tmp_path, params_files=(mine,)), True)
     mine.write_text('/**/bridge:\n  ros__parameters: {envelope_x: 0.4}\n')
     assert len(apply(Settings(run=tmp_path, params_files=(mine,)), True).said) == 1
+
+
+X_STEPS = '    steps_per_mm: 320  # nominal'
+CHUCK = (
+    ('# steps_per_turn: 32000', 'steps_per_turn: 32000'),
+    ('envelope_mm: 400', 'envelope_mm: 3500'),
+)
+
+
+def test_a_cell_with_a_chuck_in_place_of_x(cells, tmp_path, capsys):
+    cells(*CHUCK)
+    file = tmp_path / 'cells/cell.yaml'
+    assert X_STEPS in file.read_text()
+    file.write_text(file.read_text().replace(X_STEPS, '    # x', 1))
+    assert cli.main(['cell', 'check']) == 0 and cli.main(['cell', 'show']) == 0
+    assert 'chuck.steps_per_turn' in capsys.readouterr().out
+    settings = apply(Settings(run=tmp_path), False).settings
+    assert machine_steps(settings) == '32,320,320'
+    assert told_to('cell', settings)['chuck_steps_per_turn'] == 32000
+    assert told_to('job_sequencer', settings)['chuck_steps_per_turn'] == 32000
+    with pytest.raises(GraphError, match='a chuck of a real machine is not built'):
+        apply(Settings(run=tmp_path, port='/dev/ttyUSB0'), False)
+    with pytest.raises(ValueError, match='the X axis is a chuck'):
+        check_axis('x')
+    check_axis('z')
+    assert 'commissioning of a chuck is not built' in refused(capsys, 'commission')[0]
+
+
+def test_what_does_not_go_with_a_chuck_is_named(cells, capsys):
+    cells(CHUCK[0], ('# port:', 'port:'))
+    said = '\n'.join(refused(capsys, 'cell', 'check'))
+    assert 'axes.x.envelope_mm must be 3500 with a chuck' in said
+    assert 'axes.x.steps_per_mm does not go with a chuck' in said
+    assert 'link.port does not go with a chuck' in said
+    cells(('# steps_per_turn: 32000', 'steps_per_turn: 200'), *CHUCK[1:])
+    assert 'is 200, must be at least 10000' in refused(capsys, 'cell', 'check')[0]
 
 
 def test_a_robot_does_not_take_the_file_of_a_gantry(cells, tmp_path):

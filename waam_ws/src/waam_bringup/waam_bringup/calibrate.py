@@ -25,11 +25,25 @@ def register(commands: argparse._SubParsersAction) -> None:
     cli.register(commands, Graph(paths.calibrations_dir, add_run, measure, send, told, wire))
 
 
+def check_axis(axis: str | None) -> None:
+    """ValueError for x where a chuck stands in its place: no gauge measures its mm, and nothing shakes."""
+    from waam_process.cell_keys import CHUCK
+
+    from .cell_check import find
+
+    cell = find(paths.cell_name()) if axis == 'x' else None
+    if cell and CHUCK in cell.values:
+        raise ValueError(
+            f'{cell.where(CHUCK)}: the X axis is a chuck, its steps follow from it and from the diameter of each shaft'
+        )
+
+
 def measure(args: argparse.Namespace, sweep: Sweep, axis: str, point: Point | None) -> Samples:
     """Samples of a sweep on the graph that is up. ClientError when something does not answer or refuses."""
     from .operate import require_up
     from .shaking import shake
 
+    check_axis(axis)
     run, domain = run_and_domain(args)
     state = require_up(run)
     return shake(domain, sweep, axis, point, state.simulated and 'cell' in state.nodes)
@@ -47,11 +61,12 @@ def send(args: argparse.Namespace, settings: Settings) -> str:
 
 
 def told(args: argparse.Namespace) -> dict[str, float] | None:
-    """Settings that the controller has; None when no graph with one is up."""
+    """Settings that the controller has; None when no graph with one is up. ValueError, see `check_axis`."""
     from .client import ClientError
     from .operate import require_up
     from .shaking import Shaking
 
+    check_axis(getattr(args, 'axis', None))
     try:
         run, domain = run_and_domain(args)
         require_up(run)

@@ -91,7 +91,7 @@ def _check_robot(
 def _register_demo(commands: Verbs) -> None:
     p = add_verb(
         commands, 'demo', 'restore a worn part open loop and closed loop on the simulated cell, and compare',
-        ('--part', 'jaw', 'jaw (default): a crusher jaw and then a die insert that is machined; shaft: a worn shaft that '
+        ('--part', 'jaw', 'jaw (default): a crusher jaw, then a die insert that is machined; shaft: a worn shaft that '
          'turns in a chuck in place of the X axis', None, {'choices': ('jaw', 'shaft')}),
         ('--seed', 7, 'of everything random'),
         ('--machine', GANTRY, 'what moves the torch: the gantry (default), or a six-axis arm before a positioner; then '

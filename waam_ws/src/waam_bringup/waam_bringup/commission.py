@@ -25,6 +25,7 @@ from waam_calibrate.commission import (
 from waam_calibrate.commission_page import page
 from waam_node.files import write_atomically
 from waam_process.cell_file import CellFile
+from waam_process.cell_keys import CHUCK
 from waam_process.safe_files import FileError, Missing, read_yaml
 from waam_shop.cells import check_name
 
@@ -169,12 +170,18 @@ def commission(args: argparse.Namespace) -> int:
 def _cell_file() -> CellFile:
     path = cell_check.path_of(paths.cell_name())
     try:
-        return cell_check.load(path)
+        file = cell_check.load(path)
     except Missing:
         name = path.stem
         raise CommissionError(
             f'{cell_check.shown(path)}: no such file: waam cell new {name}, edit it, waam up --cell {name}'
         ) from None
+    if CHUCK in file.values:
+        raise CommissionError(
+            f'{file.where(CHUCK)}: the commissioning of a chuck is not built (docs/real_cell.md); commission the '
+            'machine with its straight X axis, under a cell file of its own'
+        )
+    return file
 
 
 def go_on(

@@ -64,10 +64,7 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
         run.mkdir()
         params_files = (demo_shaft.chuck_params(run), *params_files)
         what = f'a worn shaft ({demo_shaft.write(folder).name} turns in the simulated chuck)'
-    console.print(
-        f'Restoring {what}, seed {args.seed}, cell {args.preset}. '
-        'Starting the graph ...'
-    )
+    console.print(f'Restoring {what}, seed {args.seed}, cell {args.preset}. Starting the graph ...')
     # a demo needs no operator's page, and two cores are few
     settings = Settings(
         run=run,

@@ -11,9 +11,7 @@ from waam_node.files import write_atomically
 from waam_process.operating import CHUCK_STEPS
 from waam_process.unrolled import LONGEST_AXIS
 
-SHAFT = WornShaft(
-    0.040, 0.060, 0.014, 'eccentric', 2.6e-3, run_out=(0.30e-3, -0.15e-3), turned=2.0
-)
+SHAFT = WornShaft(0.040, 0.060, 0.014, 'eccentric', 2.6e-3, run_out=(0.30e-3, -0.15e-3), turned=2.0)
 WORN = 'shaft_worn.npz'
 
 

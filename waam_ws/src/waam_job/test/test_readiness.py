@@ -45,6 +45,15 @@ def test_all_that_is_wrong_with_the_cell_is_said_at_once(make_cell, make_runner,
     assert not cell.executed and 'ARM' not in cell.commands
 
 
+def test_a_chuck_of_a_real_machine_is_refused(make_cell, make_runner):
+    cell = make_cell()
+    own = {'chuck_steps_per_turn': 32000.0, 'simulated': False}
+    status = make_runner(cell, own)[0].run()
+    assert status.error_code == Code.MACHINE_NOT_READY
+    assert 'a chuck in place of the X axis' in status.message and 'simulated only' in status.message
+    assert 'ARM' not in cell.commands
+
+
 def test_a_temperature_that_steps_when_the_part_is_changed_is_waited_for(make_cell, make_runner):
     cell = make_cell()
     cell.pyrometer_plausible = False

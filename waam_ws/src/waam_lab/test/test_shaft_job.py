@@ -8,12 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from waam_adapt import conversions as convert
 from waam_bringup.cli import main
 from waam_job.model.goal import Code, JobError, JobGoal, check
-from waam_lab import restore_shaft, run
 from waam_job.model.shaft import figures
+from waam_lab import restore_shaft, run
+from waam_lab.job import LabJob
 from waam_lab.shafts import WornShaft
 from waam_lab.watch import LayerWatch
 from waam_node.conversions import grid_from_msg
@@ -123,6 +125,20 @@ def test_a_shaft_is_refused_where_nothing_turns_it(scan, tmp_path):
     assert refused.value.code == Code.BAD_GOAL
     with pytest.raises(JobError, match='would lay it flat'):
         run(job(scan, tmp_path, machine='robot'))
+
+
+def test_a_flat_part_is_refused_where_a_chuck_stands_for_the_x_axis(tmp_path):
+    trimesh.creation.box((0.04, 0.03, 0.01)).export(tmp_path / 'flat.stl')
+    goal = JobGoal(
+        part=tmp_path / 'flat.stl', material=DEFAULT_MATERIAL, jobs_dir=tmp_path, scale=1.0
+    )
+    assert check(goal).shaft is None
+    with pytest.raises(JobError, match='the X axis of this cell is a chuck') as refused:
+        check(goal, chuck=True)
+    assert refused.value.code == Code.BAD_GOAL
+    turned = {'job_sequencer': {'chuck_steps_per_turn': 32000.0}}
+    with pytest.raises(JobError, match='the X axis of this cell is a chuck'):
+        run(LabJob(goal, tmp_path / 'flat.stl', overrides=turned))
 
 
 def test_goals_that_do_not_go_with_a_shaft(scan, tmp_path):

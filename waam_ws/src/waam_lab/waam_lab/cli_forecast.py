@@ -195,9 +195,7 @@ def write(f: Forecast, facts: dict, out: Path | None) -> list[Path]:
 
     from . import pictures
 
-    places = [forecasts.folder_of(check(f.job.goal, f.job.chuck))] + (
-        [out] if out else []
-    )
+    places = [forecasts.folder_of(check(f.job.goal, f.job.chuck))] + ([out] if out else [])
     maps, tolerance = f.maps, f.job.goal.tolerance
     for folder in places:
         folder.mkdir(parents=True, exist_ok=True)

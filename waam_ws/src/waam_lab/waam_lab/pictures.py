@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.ticker import MaxNLocator
 
-from waam_process.unrolled import Unrolled
 from waam_view.canvas import BLUE, GREEN, INK, new_figure, png, style
 from waam_view.figures import nice_range
 
 from .bands import Maps
-from .job import LabMaps
 
 AROUND = 3.0  # mm shown beyond the region
 
@@ -121,56 +118,4 @@ def levels(bands: list[tuple[float, float, float]], tolerance: float) -> bytes:
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     style(axes, 'layers laid (line: mean, band: all jobs)', 'mean error of the layer, mm')
-    return png(figure)
-
-
-def shaft(maps: LabMaps, diameter: float, magnified: float = 10.0) -> bytes:
-    """A shaft as found and as restored: its middle profile around the nominal circle, and its surface in space, both
-    with errors `magnified`, and the unrolled map of the error. diameter: m."""
-    turning = Unrolled(diameter)
-    on = turning.first_turn(maps.spec)
-    angle, y = turning.angle(maps.spec.x[on]), maps.spec.y
-    rows = np.isfinite(maps.error[:, on]).any(axis=1)
-    error, found = maps.error[rows][:, on], maps.as_found[rows][:, on]
-    y, radius = y[rows], turning.radius * 1e3
-    figure = new_figure(9.4, 6.0)
-    axes: Any = figure.add_subplot(2, 2, 1, projection='polar')
-    middle = len(y) // 2
-    axes.set_theta_zero_location('N')
-    axes.set_theta_direction(-1)
-    for z, colour, label in ((found, INK, 'as found'), (error, BLUE, 'restored')):
-        axes.plot(
-            angle, radius + magnified * z[middle] * 1e3, color=colour, linewidth=1.0, label=label
-        )
-    axes.plot(angle, np.full_like(angle, radius), color=GREEN, linewidth=0.8, label='wanted')
-    axes.set_yticklabels([])
-    axes.set_title(f'profile at y = {y[middle] * 1e3:.0f} mm, errors x {magnified:g}', fontsize=9)
-    axes.legend(fontsize=7, loc='lower right', bbox_to_anchor=(-0.1, 0.0))
-    axes.tick_params(labelsize=7)
-    space = figure.add_subplot(2, 2, 2, projection='3d')
-    step_y, step_t = max(1, len(y) // 60), max(1, len(angle) // 120)
-    z = np.nan_to_num(error[::step_y, ::step_t]) * 1e3
-    t, along = np.meshgrid(angle[::step_t], y[::step_y] * 1e3)
-    t, along, z = (
-        np.column_stack([a, b]) for a, b in ((t, t[:, :1]), (along, along[:, :1]), (z, z[:, :1]))
-    )
-    limit = nice_range([error * 1e3], 0.2)
-    r = radius + magnified * z
-    colours = colormaps['RdBu_r'](0.5 + 0.5 * z / limit)
-    space.plot_surface(
-        along, r * np.sin(t), r * np.cos(t), facecolors=colours, rstride=1, cstride=1, shade=True
-    )
-    space.set_box_aspect((float(np.ptp(along)), 2 * radius, 2 * radius))
-    space.set_title(f'restored, errors x {magnified:g}', fontsize=9)
-    space.tick_params(labelsize=6)
-    flat = figure.add_subplot(2, 1, 2)
-    image = flat.imshow(
-        error.T * 1e3, origin='lower', extent=(y[0] * 1e3, y[-1] * 1e3, 0.0, 360.0), aspect='auto', cmap='RdBu_r',
-        vmin=-limit, vmax=limit, interpolation='nearest',
-    )  # fmt: skip
-    flat.set_xlabel('along the axis, mm', fontsize=8)
-    flat.set_ylabel('angle, deg', fontsize=8)
-    flat.set_title('radial error, unrolled', fontsize=9)
-    flat.tick_params(labelsize=7)
-    _bar(figure, image, flat, 'mm', extend='both')
     return png(figure)

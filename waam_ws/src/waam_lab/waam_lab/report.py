@@ -13,8 +13,10 @@ import numpy as np
 
 from waam_job.store.folder import clean
 from waam_node.files import write_atomically
+from waam_process.unrolled import Unrolled
 from waam_process.verdicts import IN_TOLERANCE
 from waam_view.html import cards, duration, escape, fmt, page, picture, table
+from waam_view.shaft_section import round_picture
 
 from . import bands, pictures
 from .job import LabJob, LabResult
@@ -266,7 +268,12 @@ def _pictures(c: Campaign, maps: bands.Maps | None) -> str:
     round_part = ''
     if first.maps is not None and (diameter := c.job.shaft_diameter):
         told = f'The shaft of seed {first.seed}. Angle 0 is up; the axis is y of the map.'
-        round_part = '<h2>The shaft</h2>' + picture(pictures.shaft(first.maps, diameter), told)
+        round_part = '<h2>The shaft</h2>' + picture(
+            round_picture(
+                first.maps.spec, first.maps.error, first.maps.as_found, Unrolled(diameter)
+            ),
+            told,
+        )
     return round_part + (
         '<h2>Where the errors are</h2>'
         + picture(where, f'Error of the finished surface, cell by cell. {inside}')

@@ -21,6 +21,7 @@ from waam_panel.setup_form import FormError, JobSetup, parse
 from waam_panel.state import PanelState, Sample
 from waam_process.grid import GridSpec
 from waam_process.names import ANOMALY_CLASSES
+from waam_process.unrolled import Unrolled
 
 ROOT = Path(__file__).parents[4]
 MATERIALS = ('er70s-6', '316l')
@@ -204,6 +205,17 @@ def test_a_page_gets_each_sample_once_and_sees_what_is_old():
     nan = float('nan')
     state.apply('telemetry', sample(1, current=nan, position=(nan, 0.0, 0.0)), 14.0, 0.0)
     json.dumps(state.frame(14.0, 0), allow_nan=False)
+
+
+def test_a_torch_over_a_shaft_is_shown_in_its_first_turn():
+    state = PanelState(kept=50)
+    state.shaft = shaft = Unrolled(0.04)
+    x = 0.05 + 3 * shaft.period
+    state.apply('telemetry', sample(0, position=(x, 0.02, 0.03)), 10.0, 0.0)
+    shown = state.sections['telemetry']
+    assert shown['position'][0] == pytest.approx(x * 1e3, abs=1e-3)
+    assert shown['place'] == pytest.approx([50.0, 20.0, 30.0], abs=1e-3)
+    assert state.frame(10.1, 0)['samples'][0][9] == pytest.approx(50.0, abs=1e-3)
 
 
 def test_commanded_speed_is_that_of_the_nearest_segment_with_the_override():

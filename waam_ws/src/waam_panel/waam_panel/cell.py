@@ -20,6 +20,7 @@ from aiohttp import web
 from waam_node import job_folder, stop_socket
 from waam_process.grid import HeightGrid
 from waam_process.safe_files import is_file, read_bytes
+from waam_view.job_data import shaft_in
 from waam_view.mailbox import Mailbox
 from waam_view.worst_places import error_after
 
@@ -78,6 +79,7 @@ class Cell:
         self._scratch = tempfile.TemporaryDirectory(prefix='waam_panel_')
         self.preview = Path(self._scratch.name) / 'plan' / 'preview.png'
         self._judged = ('', -1)
+        self._looked_for_shaft = ''  # in this folder of a job
         self._calibrated = calibrated.Watch()
 
     def close(self) -> None:
@@ -124,6 +126,7 @@ class Cell:
                 self.state.sections['cell'] = {
                     'simulated': operations.simulated,
                     'adjustable': operations.adjustable,
+                    'unrolled': self.state.shaft is not None,
                 }
                 now, utc = time.monotonic(), time.time()
                 self._look_at_calibrations(now, utc)
@@ -136,6 +139,7 @@ class Cell:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
             self.state.look(time.monotonic(), time.time())
             self.background.start('error map', self._judge)
+            self.background.start('shaft', self._look_for_shaft)
             if turn % self.shop_turns == 0 and self.shop:
                 self.shop.tick(self)
             await asyncio.sleep(PUMP_S)
@@ -148,6 +152,15 @@ class Cell:
 
         if self.calibrations is not None:
             self.background.start('calibrations', look)
+
+    async def _look_for_shaft(self) -> None:
+        job = self.state.sections.get('job')
+        folder = job['dir'] if job else ''
+        if folder != self._looked_for_shaft:
+            found = (
+                await self.background.thread('shaft', shaft_in, Path(folder)) if folder else None
+            )
+            self.state.shaft, self._looked_for_shaft = found, folder
 
     async def _judge(self) -> None:
         """Draws the error of a scan once the job has written the surface wanted after its layer."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from waam_process.names import JOB_ENDED, JOB_RUNNING
+from waam_process.unrolled import Unrolled
 
 from . import alarms
 from .sources import GONE_S, PROGRAMS, SOURCES, Sources, duration
@@ -58,6 +59,7 @@ class PanelState:
         self.taken = 0  # samples since the start
         self.maps: dict[str, tuple[int, dict[str, Any]]] = {}
         self.scan: dict[str, Any] | None = None  # the newest height map
+        self.shaft: Unrolled | None = None  # of the job, which turns; maps show it unrolled
         self.sources = Sources()
         self.lost_job: dict[str, str] | None = None  # id and why: its node gave up on it
         self._plan: dict[str, Any] | None = None
@@ -79,6 +81,7 @@ class PanelState:
             self.sections[name] = value
 
     def _on_telemetry(self, s: Sample, now: float, _utc: float) -> None:
+        s, machine = self._shown(s), [rounded(v * 1e3, 3) for v in s.position]
         mm = [rounded(v * 1e3, 3) for v in s.position]
         stale = self.stale(now)
         heat, temperature = (
@@ -92,13 +95,21 @@ class PanelState:
             heat and heat['limit'], *mm, int(s.arc),
         ])  # fmt: skip
         self.sections['telemetry'] = {
-            't': rounded(s.t, 3), 'position': mm, 'state': s.state, 'arc': s.arc, 'arc_enabled': s.arc_enabled,
+            't': rounded(s.t, 3), 'position': machine, 'place': mm, 'state': s.state,
+            'arc': s.arc, 'arc_enabled': s.arc_enabled,
             'gas': s.gas, 'current': rounded(s.current, 1), 'voltage': rounded(s.voltage, 2),
             'feed': rounded(s.feed * 60, 2), 'feed_commanded': rounded(s.feed_commanded * 60, 2),
             'speed': rounded(s.speed * 1e3, 2), 'speed_commanded': commanded, 'lease_left': rounded(s.lease_left, 2),
             'speed_override': rounded(s.speed_override, 3), 'wire_override': rounded(s.wire_override, 3),
             'wire_feed': s.wire_feed,
         }  # fmt: skip
+
+    def _shown(self, s: Sample) -> Sample:
+        """Where the maps show the torch: over a shaft in its first turn."""
+        if self.shaft is None:
+            return s
+        x, y, z = s.position
+        return replace(s, position=(float(self.shaft.folded(x)), y, z))
 
     def _commanded_speed(self, s: Sample) -> float | None:
         """mm/s of the planned segment nearest to the torch, times the override; None without arc."""

@@ -10,7 +10,7 @@ import pytest
 from waam_plan.fill.path import Pieces
 from waam_plan.settings import PlanSettings
 from waam_plan.shaft import around, lines
-from waam_process.grid import GridSpec
+from waam_process.grid import GridSpec, HeightGrid
 from waam_process.segment import Kind, Segment
 from waam_process.unrolled import OVERLAP, Unrolled
 
@@ -181,3 +181,14 @@ def test_segments_go_home_and_back():
     set_there = [h.at(speed=0.012) for h in here]
     back = lines.in_their_places(set_there, out)
     assert [(b.start, b.end, b.speed) for b in back] == [(o.start, o.end, 0.012) for o in out]
+
+
+@pytest.mark.parametrize('shaft', SHAFTS)
+def test_inside_a_turn_every_place_is_shown_once(shaft):
+    settings = settings_of(shaft)
+    _, spec = zone(shaft)
+    whole = HeightGrid(spec, np.ones(spec.shape))
+    x = spec.x[np.isfinite(lines.inside_turn(whole, settings).z).all(axis=0)]
+    assert x.min() > OVERLAP and x.max() < OVERLAP + shaft.period
+    assert len(x) * CELL > shaft.period - 2.2 * settings.bead_width
+    assert lines.inside_turn(whole, PlanSettings()) is whole

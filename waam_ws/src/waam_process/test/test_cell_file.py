@@ -41,14 +41,15 @@ def test_values_become_parameters_in_si():
     scan = told['scan_fusion']
     assert scan['mount_xyz'] == [0.06, 0.0, 0.12]
     assert scan['mount_rpy'] == pytest.approx([0.0, 0.0, math.pi / 2])
-    assert told['job_sequencer'] == {'work_offset': [0.1, 0.08, 0.02], 'plate_zero': [0.02, 0.02, 0.01]}  # fmt: skip
+    own = {'work_offset': [0.1, 0.08, 0.02], 'plate_zero': [0.02, 0.02, 0.01]}
+    assert told['job_sequencer'] == {**own, 'chuck_steps_per_turn': 32000}
     assert 'cell' not in told
 
 
 def test_a_simulated_cell_keeps_its_own_link_and_sensors():
     told = parse(FULL, 'x').parameters(simulated=True)
     assert set(told) == {'bridge', 'job_sequencer', 'thermal_compensator', 'cell'}
-    assert told['cell'] == {'work_zero': [0.1, 0.08, 0.02]}
+    assert told['cell'] == {'work_zero': [0.1, 0.08, 0.02], 'chuck_steps_per_turn': 32000}
     assert not {'baud', 'accelerometer_axes', 'temperature_low'} & set(told['bridge'])
 
 

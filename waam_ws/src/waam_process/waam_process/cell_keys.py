@@ -193,8 +193,8 @@ KEYS: dict[str, Key] = {
 SECTIONS = {  # heading -> what stands above it in a new file
     'axes': 'Told to the controller at connect, read back and compared. MEASURE YOUR MACHINE: these are the values\n'
     'that a controller has when nobody tells it anything.',
-    'chuck': 'Only where a chuck turns shafts in place of the X axis (simulated cells; docs/real_cell.md). x is then mm of\n'
-    'the unrolled shaft: take steps_per_mm out of axes.x, and let its envelope_mm be 3500.',
+    'chuck': 'Only where a chuck turns shafts in place of the X axis (simulated cells; docs/real_cell.md). x is mm of\n'
+    'the unrolled shaft then: take steps_per_mm out of axes.x, and let its envelope_mm be 3500.',
     'link': 'With a port, waam up talks to a real machine (waam up --simulated: not).',
     'process': 'What the bridge refuses to go beyond, whatever a program says.',
     'source': '',

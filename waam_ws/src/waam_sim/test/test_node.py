@@ -155,6 +155,8 @@ def test_bad_requests_are_refused_by_name(cell):
     assert not answer.success and '/nowhere/part.stl' in answer.message
     answer = observer.ask(LoadPart, 'cell/load_part', plate=Vector3(x=0.1, y=-1.0, z=0.01), seed=-1)
     assert not answer.success and 'plate.y' in answer.message
+    answer = observer.ask(LoadPart, 'cell/load_part', plate=Vector3(x=0.04, y=0.06, z=0.0), seed=-1)
+    assert not answer.success and 'this cell has none (chuck.steps_per_turn)' in answer.message
     answer = observer.ask(InjectFault, 'cell/inject_fault', fault='flood', value=0.0)
     assert not answer.success and 'flood' in answer.message and 'arc_loss' in answer.message
     controller.run((0.0, 0.0, 0.05), 0.1)

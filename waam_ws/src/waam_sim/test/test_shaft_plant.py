@@ -157,6 +157,16 @@ def test_the_scanner_sees_the_shaft_after_any_number_of_turns():
     assert np.allclose(rows[0][seen], rows[1][seen], atol=1e-6)
 
 
+def test_the_chuck_is_told_turns():
+    """Steps per mm that do not belong to its diameter would turn it too far."""
+    samples = np.zeros(3, SAMPLE)
+    samples['table_x'], samples['table_y'] = (0.0, -0.5, -2.25), -0.1
+    placed = cell().placed_samples(samples)
+    assert placed['table_x'] == pytest.approx([0.0, -0.5 * PERIOD, -2.25 * PERIOD])
+    assert np.array_equal(placed['table_y'], samples['table_y'])
+    assert samples['table_x'][1] == -0.5
+
+
 def test_what_a_shaft_does_not_have_is_refused():
     with pytest.raises(ValueError, match='gantry_on'):
         cell(gantry=GantryParams(on=True))

@@ -34,7 +34,9 @@ from .table import kept_diameter, restore
 
 CLOCK_PERIOD_US = 50_000  # of /clock, in controller time
 BLANK, BLANK_LENGTH = Unrolled(0.040), 0.060  # m, the shaft in a chuck until one is loaded
-NO_CHUCK = 'a shaft turns in a chuck in place of the X axis, and this cell has none (chuck.steps_per_turn)'
+NO_CHUCK = (
+    'a shaft turns in a chuck in place of the X axis, and this cell has none (chuck.steps_per_turn)'
+)
 CHUCK_ONLY = 'the X axis of this cell is a chuck (chuck.steps_per_turn): it clamps shafts, no part that lies still'
 # of a job that computes as soon as the machine stands
 COMPUTING = (JobStatus.PREPARING, JobStatus.SCANNING, JobStatus.CORRECTING, JobStatus.FINISHING)
@@ -56,7 +58,8 @@ class Cell(WaamNode):
             first = kept or part.shaft(shaft, BLANK_LENGTH, metal.cell, metal.margin)
             self._plant = self._clamped(first, shaft)
         else:
-            first = kept or part.plate(*p.plate, metal.cell, metal.margin)
+            length, width, thickness = p.plate
+            first = kept or part.plate(length, width, thickness, metal.cell, metal.margin)
             self._plant = self._clamped(first, None)
         self._plant.load(first, p.seed, self._table)
         self._batcher = Batcher(self._plant.scanner.lateral, physics.scanner.batch)

@@ -43,6 +43,8 @@ class RobotCell(Cell):
         super().__init__()
 
     def _prepare(self) -> None:
+        if self._has_chuck:
+            raise ParameterError("parameter 'chuck_steps_per_turn': a robot has no chuck")
         self._robot, self._names = self._made()
         self._plant.put_on_robot()
 

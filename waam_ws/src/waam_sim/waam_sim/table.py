@@ -14,8 +14,8 @@ from waam_process.grid import GridSpec, HeightGrid
 
 
 def keep(surface: HeightGrid, path: Path, diameter: float = 0.0) -> np.ndarray:
-    """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it, with the
-    nominal diameter (m) of a shaft in a chuck."""
+    """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it, with
+    the nominal diameter (m) of a shaft in a chuck."""
     _geometry(path).unlink(missing_ok=True)  # the pair is valid only while the geometry is there
     kept = np.lib.format.open_memmap(path, mode='w+', dtype=np.float64, shape=surface.z.shape)
     kept[:] = surface.z

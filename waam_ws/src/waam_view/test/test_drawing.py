@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import rerun as rr
 import yaml
 
 from waam_process.grid import GridSpec
+from waam_process.unrolled import OVERLAP, Unrolled
 from waam_view import blueprint as bp
 from waam_view.drawing import Drawing
 from waam_view.mailbox import Mailbox
@@ -115,6 +117,26 @@ def test_curves_go_to_a_file_in_large_parts_and_all_of_them(tmp_path):
     assert sorted(rows) == [1, 100, 600, 600]  # the first is the style of the curve
     torch = [n for entity, n in chunks(tmp_path / 'job.rrd') if entity == bp.TORCH]
     assert sum(torch) == 130 and len(torch) < 30
+
+
+def test_the_torch_over_a_shaft_stays_on_its_map(monkeypatch):
+    """Its x runs on over the turns; a line from one end of the map to the other would be drawn at every seam."""
+    scene = Scene(6e-4)
+    scene.shaft = shaft = Unrolled(0.04)
+    drawn = []
+    monkeypatch.setattr(scene, 'log', lambda t, entity, what: drawn.append((entity, what)))
+    end = OVERLAP + 2 * shaft.period
+    steps = np.linspace(-0.03, 0.03, 31)
+    scene.telemetry(
+        [replace(sample(i), position=(end + s, 0.03, 0.01), arc=True) for i, s in enumerate(steps)]
+    )
+    strips = [what.strips.as_arrow_array()[0].as_py() for e, what in drawn if e.startswith(bp.PATH)]
+    (torch,) = [what.positions.as_arrow_array()[0].as_py() for e, what in drawn if e == bp.TORCH]
+    assert torch[0] == pytest.approx(OVERLAP + 0.03)
+    assert len(strips) == 2
+    for strip in strips:
+        x = np.array(strip)[:, 0]
+        assert np.ptp(x) < 0.035 and OVERLAP - 1e-6 < x.min() and x.max() < OVERLAP + shaft.period
 
 
 def test_existing_recording_is_not_overwritten(tmp_path):

@@ -371,3 +371,36 @@ def test_the_first_page_is_one_sheet_of_a4_and_nothing_is_cut_on_a_screen(tmp_pa
         browser.close()
     assert high <= 1032 and wide <= 703 and white == 'rgb(255, 255, 255)'
     assert not found, '\n'.join(found)
+
+
+def test_a_shaft_is_shown_round_and_its_maps_are_named_unrolled():
+    from waam_process.unrolled import OVERLAP, Unrolled
+    from waam_view import figures
+    from waam_view.shaft_section import shaft_section
+
+    shaft = Unrolled(0.04)
+    cols = round(shaft.length_x / 2e-3)
+    z = np.full((15, cols), shaft.level)
+    maps = {'z': z - 1e-3, 'nominal': z, 'target': z, 'region': np.ones_like(z)}
+    scans = [
+        Scan(k, (0.0, 0.0), 2e-3, maps | {'z': z - h}, unrolled=True)
+        for k, h in enumerate((1e-3, 1e-4))
+    ]
+    told = {'goal': {'plan_settings': ['shaft_ends=0.01', 'shaft_diameter=0.04']}}
+    run = {'shaft': {'clean_diameter_mm': 39.81, 'roundness_mm': 0.5, 'seam_step_mm': None}}
+    turned = Job(Path('.'), 'closed_loop', {}, run, scans=scans, asked=told)
+    assert turned.shaft == shaft and job().shaft is None and shaft_section(job()) == ''
+    page = shaft_section(turned)
+    assert '39.81 mm' in page and 'unrolled' in page and '<img' in page
+    assert part_picture.before_and_after(scans[0], scans[1], shaft).startswith(b'\x89PNG')
+    assert 'around the shaft' in figures._names(scans[0])[0] and OVERLAP == 0.02
+    assert (
+        Job(
+            Path('.'),
+            'closed_loop',
+            {},
+            {},
+            asked={'goal': {'plan_settings': ['shaft_diameter=x']}},
+        ).shaft
+        is None
+    )

@@ -13,7 +13,7 @@ from waam_process.operating import GANTRY, ROBOT
 
 from . import figures
 from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
-from .job_data import Job, load_job, number
+from .job_data import Job, load_job, mapping, number
 from .loop_summary import loop_summary
 from .outcome import outcome
 from .owner_page import local_time
@@ -111,6 +111,8 @@ def _maps(jobs: list[Job]) -> str:
         'Last scan against the nominal surface, the same colour scale for all. Red: too high, blue: too '
         f'low. Thin lines: beyond ±{shown[0].tolerance_mm:g} mm. Dashed: judged area.'
     )
+    if shown[0].shaft:
+        caption += ' The shaft is shown unrolled: one turn from x = 20 mm on, and some of it again beyond both ends.'
     out = ['<h2>Final height error</h2>', picture(figures.side_by_side(shown, limit), caption)]
     pair = [
         picture(
@@ -159,6 +161,12 @@ _ROWS = [
     ('telemetry frames lost', 'telemetry_lost', 1, 0),
     ('faults', 'faults', 1, 0),
 ]
+_OF_SHAFT = [
+    ('diameter that the lathe reaches all over, mm', 'clean_diameter_mm'),
+    ('roundness, mean, mm', 'roundness_mm'),
+    ('run-out of the new surface, mm', 'new_run_out_mm'),
+    ('step at the seam of the map, mm', 'seam_step_mm'),
+]
 
 
 def _table_of_runs(jobs: list[Job]) -> str:
@@ -171,6 +179,8 @@ def _runs(jobs: list[Job]) -> str:
         values = [j.run.get(key) for j in jobs]
         shown = [v if factor is None else fmt(number(v) * factor, digits) for v in values]
         rows.append([text, *shown])
+    for text, key in _OF_SHAFT if jobs[0].shaft else ():
+        rows.append([text, *(fmt(mapping(j.run.get('shaft')).get(key), 2) for j in jobs)])
     rows.append(['duration', *(duration(j.run.get('duration_s')) for j in jobs)])
     rows.append(['arc on', *(duration(j.run.get('arc_on_s')) for j in jobs)])
     for kind in ('speed', 'feed', 'voltage', 'psi'):

@@ -29,6 +29,9 @@ from . import blueprint as bp
 from .scene import CorrectionData, MapData, Sample, Scene
 from .surface import LayerPath
 
+UNROLLED = (
+    '\n\nA shaft, shown unrolled: x goes around it (one turn from 20 mm on), y is along its axis.'
+)
 ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 TYPES = {  # topics that are drawn, but telemetry
     'height_map': HeightMap, 'correction_map': CorrectionMap, 'layer_plan': LayerPlan, 'heat_factor': HeatFactor,
@@ -89,7 +92,7 @@ def _draw_job(scene: Scene, t: int, msg: JobStatus, errors: tuple[float, ...]) -
     """errors: mm, when they have changed."""
     scene.layer(t, msg.layer)
     scene.state(t, bp.JOB, job_state(msg.state))
-    scene.status(t, status_text(msg))
+    scene.status(t, status_text(msg) + (UNROLLED if scene.shaft else ''))
     if errors:
         scene.scalar(t, bp.RMS, *errors)
 

@@ -14,6 +14,7 @@ import rerun as rr
 from waam_node import job_folder
 
 from . import blueprint as bp
+from .job_data import shaft_in
 from .mailbox import Mailbox
 from .scene import MapData, Sample, Scene
 from .web_viewer import WebViewer
@@ -130,6 +131,7 @@ class Drawing:
         self._folder, self._file_ends = folder, 0.0
         self._expected.clear()
         scene.new_job()
+        scene.shaft = shaft_in(folder)
         if not folder.is_dir():
             raise FileNotFoundError(f'{folder} does not exist: no job.rrd')
         self.file = str(free_name(folder))

@@ -30,6 +30,13 @@ def nice_range(values: list[np.ndarray], least: float) -> float:
     return next(s * scale for s in steps if s * scale >= wanted * 0.999)
 
 
+def _names(scan: Scan) -> tuple[str, str]:
+    """Of the axes of a map."""
+    if scan.unrolled:
+        return 'x around the shaft (unrolled), mm', 'y along its axis, mm'
+    return 'x, mm', 'y, mm'
+
+
 def _window(scan: Scan) -> tuple[float, float, float, float]:
     """x_min, x_max, y_min, y_max in mm of the region with a little around it; the whole map without a region."""
     x0, x1, y0, y1 = scan.extent_mm
@@ -105,8 +112,9 @@ def error_map(
     bar.set_label('height error, mm', fontsize=9)
     for side in (-1, 1):
         bar.ax.axhline(side * tolerance_mm, color='black', linewidth=1.5)
-    axes.set_xlabel('x, mm', fontsize=9)
-    axes.set_ylabel('y, mm', fontsize=9)
+    across, up = _names(scan)
+    axes.set_xlabel(across, fontsize=9)
+    axes.set_ylabel(up, fontsize=9)
     return png(figure)
 
 
@@ -126,8 +134,9 @@ def stock_map(scan: Scan) -> bytes:
     figure.colorbar(image, ax=axes, extend='max', fraction=0.05, pad=0.015).set_label(
         'stock, mm', fontsize=9
     )
-    axes.set_xlabel('x, mm', fontsize=9)
-    axes.set_ylabel('y, mm', fontsize=9)
+    across, up = _names(scan)
+    axes.set_xlabel(across, fontsize=9)
+    axes.set_ylabel(up, fontsize=9)
     return png(figure)
 
 
@@ -231,9 +240,10 @@ def section(job: Job, error: np.ndarray) -> bytes:
     x0, x1, y0, y1 = _window(last)
     errors.set_xlim(*((x0, x1) if along_x else (y0, y1)))
     at = last.extent_mm[2 if along_x else 0] + (place + 0.5) * last.resolution * 1e3
-    along, across = ('x', 'y') if along_x else ('y', 'x')
+    name = _names(last)[0 if along_x else 1]
+    across = 'y' if along_x else 'x'
     style(heights, '', 'z, mm')
-    style(errors, f'{along}, mm (cut at {across} = {at:.1f} mm)', 'final error, mm')
+    style(errors, f'{name} (cut at {across} = {at:.1f} mm)', 'final error, mm')
     return png(figure)
 
 
@@ -288,8 +298,9 @@ def side_by_side(jobs: list[Job], limit_mm: float) -> bytes:
         _outline(one, scan, scan.interior, GREEN, linewidths=1.2, linestyles='--')
         rms = number(job.run.get('rms_mm'))
         one.set_title(f'{job.loop_mode.replace("_", " ")}: RMS {rms:.3f} mm', fontsize=10)
-        one.set_xlabel('x, mm', fontsize=8)
-        one.set_ylabel('y, mm', fontsize=8)
+        across, up = _names(scan)
+        one.set_xlabel(across, fontsize=8)
+        one.set_ylabel(up, fontsize=8)
     bar = figure.colorbar(image, ax=list(axes), extend='both', fraction=0.05, pad=0.015)
     bar.set_label('height error, mm', fontsize=9)
     for side in (-1, 1):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from waam_node import job_folder
 from waam_process.safe_files import FileError, Missing, read_mapping, read_npz
+from waam_process.unrolled import THINNEST, Unrolled
 
 
 class JobError(ValueError):
@@ -26,6 +27,7 @@ class Scan:
     origin: tuple[float, float]
     resolution: float
     maps: dict[str, np.ndarray]
+    unrolled: bool = False  # of a shaft: x goes around it, y along its axis
 
     @property
     def z(self) -> np.ndarray:
@@ -82,6 +84,11 @@ class Job:
         return value if value > 0 else 0.2
 
     @property
+    def shaft(self) -> Unrolled | None:
+        """The shaft that was turned; None for a part that lay still."""
+        return shaft_of(self.asked)
+
+    @property
     def layers(self) -> list[dict]:
         """Records of the layers as in report.json; empty when there are none."""
         return [x for x in self.run.get('layers') or [] if isinstance(x, dict)]
@@ -117,6 +124,9 @@ def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
     place = run_folder(folder, run)
     notes: list[str] = []
     scans = [s for f in job_folder.map_files(place) if (s := load_scan(f, notes))]
+    asked = read_asked(place, notes)
+    if shaft_of(asked):
+        scans = [replace(s, unrolled=True) for s in scans]
     return Job(
         folder=place,
         loop_mode=loop_mode,
@@ -124,9 +134,24 @@ def load_job(folder: Path, report: dict[str, Any], loop_mode: str) -> Job:
         run=run,
         scans=scans,
         telemetry=_telemetry(place, notes),
-        asked=read_asked(place, notes),
+        asked=asked,
         notes=notes,
     )
+
+
+def shaft_of(asked: dict[str, Any]) -> Unrolled | None:
+    """The shaft that a job turns, by its job.yaml; None for a part that lies still."""
+    given = mapping(asked.get('goal')).get('plan_settings')
+    for text in given if isinstance(given, list) else []:
+        name, _, value = str(text).partition('=')
+        if name.strip() == 'shaft_diameter' and number(value) >= THINNEST:
+            return Unrolled(number(value))
+    return None
+
+
+def shaft_in(folder: Path) -> Unrolled | None:
+    """The same by the folder of a job."""
+    return shaft_of(read_asked(Path(folder), []))
 
 
 def run_folder(folder: Path, run: Any) -> Path:

@@ -30,4 +30,5 @@ def outcome(report: dict[str, Any]) -> str:
     said = f'The part is OUT OF TOLERANCE: only {figures}. Nothing has failed: that is what the loop leaves there.'
     if preset == 'gentle':
         return said
-    return f'{said} `waam demo --preset gentle` shows the same part on a cell that scatters less.'
+    again = 'waam demo --part shaft' if run.get('shaft') else 'waam demo'
+    return f'{said} `{again} --preset gentle` shows the same part on a cell that scatters less.'

@@ -113,7 +113,7 @@ def _pictures(job: Job) -> str:
         return '<p>No picture of the part before and after: not both scans were stored.</p>'
     caption = 'As scanned, to scale. Orange: metal that was laid. Gaps: not seen by the scanner.'
     try:
-        return picture(part_picture.before_and_after(same[0], same[-1]), caption)
+        return picture(part_picture.before_and_after(same[0], same[-1], job.shaft), caption)
     except ValueError as e:
         return f'<p>No picture of the part: {escape(str(e))}.</p>'
 

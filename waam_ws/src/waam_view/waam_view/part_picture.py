@@ -7,17 +7,22 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LightSource
 
+from waam_process.grid import GridSpec
+from waam_process.unrolled import Unrolled
+
 from .canvas import new_figure, png
 from .job_data import Scan
 
 CELLS = 110  # along the longer side: finer is not seen at this size
+LIGHT = -40.0  # deg around a shaft from its top, where it is lightest
 STEEL, LAID = (0.66, 0.69, 0.73), (0.90, 0.52, 0.20)
 NEW_METAL = 0.3e-3  # m above the surface as found, from which on a cell counts as laid
 
 
-def before_and_after(first: Scan, last: Scan) -> bytes:
-    """PNG: both surfaces from the same side on the same scale; laid metal is orange. Unknown heights leave holes."""
-    rows, cols = _window(last)
+def before_and_after(first: Scan, last: Scan, shaft: Unrolled | None = None) -> bytes:
+    """PNG: both surfaces from the same side on the same scale; laid metal is orange. Unknown heights leave holes. A
+    shaft is drawn round."""
+    rows, cols = _window(last) if shaft is None else _turn(last, shaft)
     step = max(1, int(np.ceil(max(rows.stop - rows.start, cols.stop - cols.start) / CELLS)))
     cut = (slice(rows.start, rows.stop, step), slice(cols.start, cols.stop, step))
     heights = [s.z[cut] * 1e3 for s in (first, last)]
@@ -35,16 +40,54 @@ def before_and_after(first: Scan, last: Scan) -> bytes:
         (2, heights[1], 'after', laid),
     ):
         axes: Any = figure.add_subplot(1, 2, place, projection='3d')
+        colours = _colours(z, metal, d * step)
+        places: tuple[np.ndarray, ...] = (*np.meshgrid(x, y), z)
+        if shaft is not None:
+            places, colours = _rolled(x, y, z, colours, shaft)
         axes.plot_surface(
-            *np.meshgrid(x, y), z, facecolors=_colours(z, metal, d * step), rstride=1, cstride=1, shade=False,
-            linewidth=0, antialiased=False,
-        )  # fmt: skip
-        axes.set_zlim(low, max(high, low + 1.0))
-        axes.set_box_aspect((float(np.ptp(x)), float(np.ptp(y)), max(high - low, 1.0)), zoom=1.35)
+            *places,
+            facecolors=colours,
+            rstride=1,
+            cstride=1,
+            shade=False,
+            linewidth=0,
+            antialiased=False,
+        )
+        if shaft is None:
+            axes.set_zlim(low, max(high, low + 1.0))
+            size = float(np.ptp(x)), float(np.ptp(y)), max(high - low, 1.0)
+        else:
+            size = float(np.ptp(y)), 2e3 * shaft.radius, 2e3 * shaft.radius
+        axes.set_box_aspect(size, zoom=1.35)
         axes.view_init(elev=38, azim=-62)
         axes.set_axis_off()
         axes.set_title(title, fontsize=11)
     return png(figure)
+
+
+def _turn(scan: Scan, shaft: Unrolled) -> tuple[slice, slice]:
+    """Rows and columns of one turn of the shaft."""
+    spec = GridSpec(*scan.origin, scan.resolution, *scan.z.shape)
+    on = np.flatnonzero(shaft.first_turn(spec))
+    rows = np.flatnonzero(np.isfinite(scan.maps.get('nominal', scan.z)).any(axis=1))
+    if not on.size or not rows.size:
+        raise ValueError('the map does not show the shaft')
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(on[0]), int(on[-1]) + 1)
+
+
+def _rolled(
+    x: np.ndarray, y: np.ndarray, z: np.ndarray, colours: np.ndarray, shaft: Unrolled
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Places in mm along the axis, aside and up, and the colours, lit from above; the first column once more at the
+    end. x (cols,), y (rows,), z (rows, cols): mm, unrolled."""
+    z = np.column_stack([z, z[:, :1]])
+    angle = np.append(shaft.angle(x * 1e-3), shaft.angle(x[0] * 1e-3) + 2 * np.pi)
+    t, along = np.meshgrid(angle, y)
+    r = shaft.radius_at(z * 1e-3) * 1e3
+    colours = np.concatenate([colours, colours[:, :1]], axis=1)
+    lit = 0.62 + 0.38 * np.cos(t - np.radians(LIGHT))
+    colours[..., :3] *= lit[..., None]
+    return (along, r * np.sin(t), r * np.cos(t)), colours
 
 
 def _window(scan: Scan) -> tuple[slice, slice]:

@@ -32,6 +32,7 @@ from .loop_summary import loop_summary
 from .owner_page import owner_page
 from .passes import passes_section
 from .positioner_section import positioner_section
+from .shaft_section import shaft_section
 from .traceability import traceability_section
 from .worst_places import worst_places
 
@@ -71,6 +72,7 @@ def job_page(job: Job, machines: str = '') -> str:
     parts = [
         owner,
         forecast_section(job),
+        shaft_section(job),
         surface_section(job, places),
         loop_summary(job),
         beads_section(job),

@@ -11,6 +11,7 @@ from waam_node import job_folder
 from waam_record.salvage import messages
 
 from . import conversions as cv
+from .job_data import shaft_in
 from .scene import Sample, Scene
 from .viewer import ViewError
 from .worst_places import error_after
@@ -90,6 +91,7 @@ def build(path: Path, rrd: Path, progress: Progress = lambda n: None) -> int:
     files, folder = record_of(path)
     scene = Scene(ERROR_RANGE)
     scene.new_job()
+    scene.shaft = shaft_in(folder) if folder else None
     scene.record(rrd)
     playback = Playback(scene, folder)
     for file in files:

@@ -4,7 +4,7 @@ of ROS."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import rerun as rr
 
 from waam_process.grid import GridSpec
 from waam_process.names import controller_state
+from waam_process.unrolled import Unrolled
 
 from . import blueprint as bp
 from .recordings import APPLICATION, end, release, send_layout
@@ -25,6 +26,7 @@ LEVELS = {0: 'INFO', 1: 'WARN', 2: 'ERROR', 3: 'CRITICAL'}
 FILE_TICK, FILE_BYTES = timedelta(seconds=5), 8 << 20  # rows of an entity
 FILE_SAMPLES = 600  # telemetry frames
 MARK = (255, 0, 255)  # of the worst places: no colour of a map
+SEAM = 0.03  # m between two samples with the arc on: over the seam of an unrolled shaft
 PIECE = 300  # points of the executed path in one entity: what is drawn again with every batch stays small
 
 
@@ -69,6 +71,7 @@ class Scene:
     def __init__(self, error_range_m: float) -> None:
         self.recordings: dict[str, rr.RecordingStream] = {}
         self.error_range = error_range_m
+        self.shaft: Unrolled | None = None  # that turns: drawn unrolled, its first turn
         self._path: LayerPath | None = None
         self._laid: list[tuple[float, float, float]] = []
         self._piece = 0
@@ -139,6 +142,7 @@ class Scene:
         """A batch of frames: curves in one call per entity, torch and path of the newest."""
         if not samples:
             return
+        samples = [self._shown(s) for s in samples]
         times = np.array([s.t for s in samples], np.int64)
         path = self._path
         planned = [
@@ -157,6 +161,13 @@ class Scene:
         self.log(last.t, bp.TORCH, rr.Points3D([last.position], radii=0.0012, colors=[colour]))
         self.state(last.t, bp.MACHINE, controller_state(last.state))
         self._draw_laid(samples)
+
+    def _shown(self, sample: Sample) -> Sample:
+        """Where the maps show it."""
+        if self.shaft is None:
+            return sample
+        x, y, z = sample.position
+        return replace(sample, position=(float(self.shaft.folded(x)), y, z))
 
     def _draw_curves(self, times: np.ndarray, curves: dict[str, np.ndarray]) -> None:
         """curves by entity, (n, curves): at once to viewers, in larger parts to a file."""
@@ -180,12 +191,19 @@ class Scene:
         points = [s.position for s in samples if s.arc]
         if not points:
             return
-        self._laid += points
-        layer = self._path.layer if self._path else 0
-        strip = rr.LineStrips3D([np.array(self._laid)], radii=0.0004, colors=[(255, 140, 40)])
-        self.log(samples[-1].t, f'{bp.PATH}/layer_{layer:03d}/{self._piece:04d}', strip)
+        for point in points:
+            if self.shaft and self._laid and abs(point[0] - self._laid[-1][0]) > SEAM:
+                self._draw_piece(samples[-1].t)
+                self._begin_piece(keep=0)
+            self._laid.append(point)
+        self._draw_piece(samples[-1].t)
         if len(self._laid) >= PIECE:
             self._begin_piece(keep=1)
+
+    def _draw_piece(self, t: int) -> None:
+        layer = self._path.layer if self._path else 0
+        strip = rr.LineStrips3D([np.array(self._laid)], radii=0.0004, colors=[(255, 140, 40)])
+        self.log(t, f'{bp.PATH}/layer_{layer:03d}/{self._piece:04d}', strip)
 
     def _begin_piece(self, keep: int) -> None:
         del self._laid[: len(self._laid) - keep]

@@ -65,12 +65,12 @@ class JobError(RuntimeError):
 
 MODES = ('restore', 'build')
 NO_CHUCK = (
-    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, and this cell has none: it would lay it flat. The '
-    'file of a cell that has one says chuck.steps_per_turn (docs/real_cell.md); a robot has none'
+    'a shaft (shaft_diameter) turns in a chuck in place of the X axis, and this cell has none: it would lay it flat. '
+    'The file of a cell that has one says chuck.steps_per_turn (docs/real_cell.md); a robot has none'
 )
 CHUCK_ONLY = (
-    'the X axis of this cell is a chuck (chuck.steps_per_turn of its file), which turns shafts (--shaft, --ends); a part '
-    'that lies still needs a cell with a straight X axis'
+    'the X axis of this cell is a chuck (chuck.steps_per_turn of its file), which turns shafts (--shaft, --ends); a '
+    'part that lies still needs a cell with a straight X axis'
 )
 # planner settings that have a field of their own in the goal, or that follow from machine and map
 GIVEN = {

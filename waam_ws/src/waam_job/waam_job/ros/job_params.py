@@ -95,8 +95,8 @@ class JobParams:
 
 
 SAME = (
-    'cell_file', 'chuck_steps_per_turn', 'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age', 'scan_changed_only', 'cell',
-    'cold_metal', 'restart_metal', 'allow_unbelieved_temperature', 'share_in_tolerance',
+    'cell_file', 'chuck_steps_per_turn', 'margin', 'resolution', 'follow_reach', 'cooling_timeout', 'scan_max_age',
+    'scan_changed_only', 'cell', 'cold_metal', 'restart_metal', 'allow_unbelieved_temperature', 'share_in_tolerance',
 )  # fmt: skip
 
 

@@ -62,7 +62,7 @@ def reopen(request: RunJob.Goal) -> tuple[JobFolder, JobGoal]:
     return folder, goal
 
 
-def recheck(goal: JobGoal, folder: JobFolder, chuck: bool) -> Checked:
+def recheck(goal: JobGoal, folder: JobFolder, chuck: bool = False) -> Checked:
     """Part and material as at the start of the job; a mesh that was changed since then is refused."""
     checked = check(goal, chuck)
     before = folder.read_yaml(job_folder.JOB)

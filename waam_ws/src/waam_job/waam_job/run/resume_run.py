@@ -10,6 +10,7 @@ import numpy as np
 from waam_node import job_folder
 from waam_plan.gcode.store import load_plan
 from waam_plan.plan import PlanError, PlannedLayer
+from waam_plan.shaft.lines import home, inside_turn
 from waam_process.grid import HeightGrid
 from waam_process.loop_mode import LoopMode
 
@@ -116,7 +117,8 @@ class ResumeRun:
         self._say(number - 1, 'all of it is done')
         scan = self.scanner.scan_after(number - 1, required=True)
         try:
-            self._check_place(self.program.layer(number - 1), self._stored_scan(number - 1), scan)
+            last = self.program.layer(number - 1)
+            self._check_place(last, self._stored_scan(number - 1), scan)
         except ResumeError as e:
             raise JobError(Code.BAD_RESUME, str(e)) from None
         return scan, number
@@ -129,12 +131,12 @@ class ResumeRun:
         self._relearn(number)
         self.journal.status.layer = number
         scan = self.scanner.scan_after(number - 1, required=True)
+        settings = self.program.current.settings
+        shown = replace(layer, segments=home(layer.segments, settings))  # where the maps show them
         try:
-            self._check_place(layer, before, scan, laid_range(layer.deposits, *self._laid(number)))
-            check_unmoved(
-                layer, before.map, scan.map, 1.5 * self.program.current.settings.bead_width
-            )
-            asked = replace(layer, planned=self._asked(layer))
+            self._check_place(shown, before, scan, laid_range(shown.deposits, *self._laid(number)))
+            check_unmoved(layer, before.map, scan.map, 1.5 * settings.bead_width)
+            asked = replace(shown, planned=self._asked(layer))
             progress = progress_of(asked, before.map, scan.map, *self._laid(number))
         except ResumeError as e:
             raise JobError(Code.BAD_RESUME, str(e)) from None
@@ -165,8 +167,10 @@ class ResumeRun:
     ) -> None:
         """ResumeError where the part was moved since the map `before`, on which at least and at most so many deposits
         of the layer were laid. What the shape does not show of a shift is noted."""
-        expected = expected_of(before.map, layer.volume, layer.deposits, *laid)
-        ahead = [s for p in self._layers_from(layer.number) for s in p.deposits]
+        settings = self.program.current.settings
+        ground = inside_turn(before.map, settings)
+        expected = expected_of(ground, layer.volume, layer.deposits, *laid)
+        ahead = [s for p in self._layers_from(layer.number) for s in home(p.deposits, settings)]
         places = np.array(
             [s.start[:2] for s in ahead] or [(scan.map.spec.x.mean(), scan.map.spec.y.mean())]
         )

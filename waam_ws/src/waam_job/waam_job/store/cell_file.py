@@ -50,7 +50,9 @@ def compared(file: str, parameters: Mapping[str, Mapping[str, Any]], simulated: 
     )
     machine = [text for path, text in off.items() if path.startswith(MACHINE)]
     refused = (f'{"; ".join(machine)} ({again})',) if machine else ()
-    return Compared(refused, tuple(text for path, text in off.items() if not path.startswith(MACHINE)))
+    return Compared(
+        refused, tuple(text for path, text in off.items() if not path.startswith(MACHINE))
+    )
 
 
 def keep(folder: JobFolder, file: str, run: int = 1) -> dict[str, str]:

@@ -8,7 +8,8 @@ const UNKNOWN = -32768;
 const UNITS = { height: ['mm', 1e3], error: ['mm', 1e3], psi: ['', 1] };
 const FROM = { height: 'height', error: 'height', psi: 'correction', path: 'plan', viewer: 'viewer' };
 const maps = {}, wanted = {};
-let shown = 'height', torch = null, arc = false, latest = {};
+let shown = 'height', torch = null, arc = false, unrolled = false, latest = {};
+const SEAM = 30; // mm between two samples with the arc on: over the seam of an unrolled shaft
 const view = { turn: -0.6, tilt: 0.9, zoom: 1 };
 
 function blend(table, share) {
@@ -45,7 +46,10 @@ export async function refresh(versions) {
   }
 }
 
-export function moveTorch(telemetry) { torch = telemetry ? telemetry.position : null; arc = telemetry ? telemetry.arc : false; }
+export function moveTorch(telemetry, cell) {
+  torch = telemetry ? telemetry.place : null; arc = telemetry ? telemetry.arc : false;
+  if (unrolled !== Boolean(cell && cell.unrolled)) { unrolled = !unrolled; note(); }
+}
 export const hasMap = (name) => Boolean(latest[name]);
 
 export function show(name) {
@@ -81,7 +85,7 @@ function note() {
   const map = maps[shown];
   if (shown === 'viewer') text('map-note', 'the same viewer as `waam view`; turn with the mouse');
   else if (shown === 'path') text('map-note', map ? `layer ${map.layer}: solid = arc on, dashed = idle, red = torch; drag to turn` : 'no path yet');
-  else text('map-note', map ? `${map.title}. Touch for the value.` : 'no map yet');
+  else text('map-note', map ? `${map.title}. ${unrolled ? 'Shaft, unrolled: x goes around it, y is along its axis. ' : ''}Touch for the value.` : 'no map yet');
 }
 
 export function draw() {
@@ -112,8 +116,8 @@ function drawPath(g, to, width) {
   g.strokeStyle = '#ff8a00'; g.lineWidth = 2.5;
   let piece = [];
   for (const s of [...trail(), null]) {
-    if (s && s[12]) piece.push(s[9], s[10], s[11]);
-    else { line(g, piece, 3, to); piece = []; }
+    if (s && s[12] && !(piece.length && Math.abs(s[9] - piece[piece.length - 3]) > SEAM)) piece.push(s[9], s[10], s[11]);
+    else { line(g, piece, 3, to); piece = s && s[12] ? [s[9], s[10], s[11]] : []; }
   }
   if (!torch) return;
   const [x, y] = to(...torch);

@@ -159,7 +159,7 @@ function onFrame(frame) {
   showStandoff(s.standoff, s.telemetry, why('standoff'), why('machine'), running); showViewer(s.viewer);
   showHeader(s, running, why('panel'));
   if (page === 'machine') showFacts(s);
-  moveTorch(known(s, 'telemetry')); refresh(frame.maps);
+  moveTorch(known(s, 'telemetry'), s.cell); refresh(frame.maps);
   showAlarms(frame.alarms, frame.top);
   if (frame.job_ends !== jobEnds) { if (jobEnds >= 0) { jobs(); if (hasMap('error')) showMap('error'); } jobEnds = frame.job_ends; }
   mark();

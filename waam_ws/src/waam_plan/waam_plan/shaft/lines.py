@@ -17,8 +17,9 @@ from waam_plan.fill.path import Pieces
 from waam_plan.plan import PlannedLayer
 from waam_plan.settings import PlanSettings
 from waam_plan.shaft.around import goes_round
+from waam_process.grid import HeightGrid
 from waam_process.segment import Kind, Segment
-from waam_process.unrolled import Unrolled
+from waam_process.unrolled import OVERLAP, Unrolled
 
 EDGE = 1e-3  # m: a map does not know its height nearer than half a cell to the edge of the plate
 
@@ -134,6 +135,16 @@ def in_their_places(changed: list[Segment], segments: list[Segment]) -> list[Seg
 def _along(s: Segment, step: float) -> Segment:
     (xa, *a), (xb, *b) = s.start, s.end
     return s.at(start=(xa + step, *a), end=(xb + step, *b))
+
+
+def inside_turn(surface: HeightGrid, settings: PlanSettings) -> HeightGrid:
+    """The surface without what the plate shows twice, and what beads beside that reach; of a plane part as it is."""
+    shaft = settings.unrolled
+    if shaft is None:
+        return surface
+    x, near = surface.spec.x, settings.bead_width
+    inside = (x >= OVERLAP + near) & (x < OVERLAP + shaft.period - near)
+    return surface.with_z(np.where(inside, surface.z, np.nan))
 
 
 def home_points(points: np.ndarray, settings: PlanSettings) -> np.ndarray:
