@@ -45,8 +45,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         'waam_view',
     },
     'waam_bringup': {
-        'waam_adapt', 'waam_bridge', 'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process',
-        'waam_record', 'waam_scan', 'waam_shop', 'waam_view',
+        'waam_adapt', 'waam_bridge', 'waam_calibrate', 'waam_job', 'waam_lab', 'waam_node', 'waam_panel',
+        'waam_process', 'waam_record', 'waam_scan', 'waam_shop', 'waam_view',
     },
 }  # fmt: skip
 NO_MESSAGES = {

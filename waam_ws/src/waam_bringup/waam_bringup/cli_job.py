@@ -7,9 +7,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-from waam_job.cli_program import FINISH_HELP, FINISHES, PART_HELP, add_loop_mode, add_program
+from waam_job.cli_program import (
+    FINISH_HELP,
+    FINISHES,
+    PART_HELP,
+    add_loop_mode,
+    add_program,
+    add_shaft,
+)
 from waam_job.model.limits import K_GAIN_MAX
-from waam_plan import cli_shaft
 from waam_process.cli_options import Options, Verbs, add_options, add_verb
 from waam_process.operating import DEFAULT_MATERIAL, SPEED_FACTOR, WIRE_FACTOR
 
@@ -125,7 +131,7 @@ def add_run_options(p: argparse.ArgumentParser) -> None:
     """What a job is told."""
     add_options(p, ('part', Path, PART_HELP))
     add_program(p)
-    cli_shaft.add_shaft(p)
+    add_shaft(p)
     add_options(p, *RUN)
     add_loop_mode(p)
     add_options(p, *RECORD)

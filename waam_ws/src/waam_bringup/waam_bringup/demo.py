@@ -23,7 +23,6 @@ from waam_node.files import write_atomically
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.operating import DEFAULT_MATERIAL, GANTRY, ROBOT
 
-from . import demo_shaft
 from .cli_graph import params_files
 from .cli_job import add_run_options
 from .client import ClientError, GraphClient
@@ -61,6 +60,8 @@ def run_demo(args: argparse.Namespace, params_files: tuple[Path, ...] = ()) -> i
     run = folder / '.run'
     what = f'{PART} ({WORN} lies on the simulated table)'
     if turns:
+        from . import demo_shaft
+
         run.mkdir()
         params_files = (demo_shaft.chuck_params(run), *params_files)
         what = f'a worn shaft ({demo_shaft.write(folder).name} turns in the simulated chuck)'
@@ -154,6 +155,8 @@ def _one(
     part, worn = files
     asked = [str(parts / part), *(['--finish', 'machined'] if part != PART else [])]
     if args.part == SHAFT:
+        from . import demo_shaft
+
         asked = demo_shaft.words(folder / demo_shaft.WORN)
     words = [
         *asked, '--name', name or loop_mode, '--mode', 'restore', '--loop-mode', loop_mode,

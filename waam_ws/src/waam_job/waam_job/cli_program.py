@@ -10,6 +10,7 @@ from typing import Any
 from waam_plan import cli_shaft
 from waam_plan.cli_program import PART_HELP as PART_HELP
 from waam_plan.cli_program import add_program as add_program
+from waam_plan.cli_shaft import add_shaft as add_shaft
 from waam_plan.settings import FINISHES as FINISHES
 from waam_process.loop_mode import LOOP_MODES, LoopMode
 from waam_process.segment import Point

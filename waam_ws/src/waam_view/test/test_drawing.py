@@ -136,7 +136,7 @@ def test_the_torch_over_a_shaft_stays_on_its_map(monkeypatch):
     assert len(strips) == 2
     for strip in strips:
         x = np.array(strip)[:, 0]
-        assert np.ptp(x) < 0.035 and OVERLAP - 1e-6 < x.min() and x.max() < OVERLAP + shaft.period
+        assert np.ptp(x) < 0.035 and x.min() > OVERLAP - 1e-6 and x.max() < OVERLAP + shaft.period
 
 
 def test_existing_recording_is_not_overwritten(tmp_path):

@@ -38,6 +38,8 @@ class Learning:
         wanted = planner_fields(goal, self.context.checked.material)
         regime = regime_of(wanted['bead_width'], wanted['layer_height'])
         named = SIMULATED if settings.simulated else self.context.cell.machine().identity
+        if settings.chuck_steps_per_turn:
+            named += '_chuck'  # metal grows otherwise on a shaft
         return LearnedFile.of(goal.learned_dir, settings.cell or named, goal.material, regime)
 
     def begin(self) -> None:
