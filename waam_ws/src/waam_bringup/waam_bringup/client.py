@@ -211,8 +211,8 @@ class GraphClient:
         raise ClientError('the controller did not take the override over (waam status)')
 
     def load_part(self, mesh: str, plate: tuple[float, float, float], seed: int) -> None:
-        """Simulated cell: what lies on the table. plate in m, used when mesh is '', or (diameter, length, 0) of a shaft
-        in its chuck (LoadPart.srv)."""
+        """Simulated cell: what lies on the table. plate in m, used when mesh is '', or (diameter, height of its nominal
+        surface on its map, 0) of a shaft in the chuck (LoadPart.srv)."""
         request = LoadPart.Request(mesh_path=mesh, seed=seed)
         request.plate.x, request.plate.y, request.plate.z = plate
         response = self.call(LoadPart, 'cell/load_part', request)

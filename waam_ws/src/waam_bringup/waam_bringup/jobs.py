@@ -223,8 +223,9 @@ def place_part(
     with TemporaryDirectory() as folder:
         file = Path(folder) / 'as_found.npz'
         lies.heights.save_npz(file)
-        diameter = checked.shaft.diameter if checked.shaft else 0.0
-        client.load_part(str(file), (diameter, 0.0, 0.0), seed)
+        shaft = checked.shaft
+        size = (shaft.diameter, shaft.level, 0.0) if shaft else (0.0, 0.0, 0.0)
+        client.load_part(str(file), size, seed)
 
 
 def report_result(result: RunJob.Result, gone: Sequence[str] = ()) -> int:

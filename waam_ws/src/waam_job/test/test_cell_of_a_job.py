@@ -55,7 +55,7 @@ def test_another_work_zero_than_that_of_the_file_is_a_remark(make_cell, make_run
     runner, _, folder = make_runner(cell, settings={'cell_file': str(file)})
     runner.run()
     remarks = json.loads((folder.path / 'report.json').read_text())['trace']['remarks']
-    assert any(':45: work.zero_mm is [100, 80, 21], job_sequencer has' in r for r in remarks), (
+    assert any(':50: work.zero_mm is [100, 80, 21], job_sequencer has' in r for r in remarks), (
         remarks
     )
 

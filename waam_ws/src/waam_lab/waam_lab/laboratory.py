@@ -94,7 +94,8 @@ def _plant(lies: HeightGrid, checked: Checked, physics: PlantParams, seed: int) 
     shaft = checked.shaft
     if shaft is None:
         return Plant(lies, physics, seed)
-    return ShaftPlant(lies, Chuck.of(shaft), physics, seed)
+    chuck = Chuck.around(lies.spec, shaft.diameter, shaft.level, physics.heat.cell)
+    return ShaftPlant(lies, chuck, physics, seed)
 
 
 def _check_cell(job: LabJob) -> None:

@@ -157,6 +157,13 @@ def test_the_scanner_sees_the_shaft_after_any_number_of_turns():
     assert np.allclose(rows[0][seen], rows[1][seen], atol=1e-6)
 
 
+def test_the_chuck_lies_around_its_field():
+    spec = GridSpec(-RIM, 0.0, CELL, 50, round((PERIOD + 2 * FIRST + 2 * RIM) / CELL))
+    chuck = Chuck.around(spec, PERIOD / math.pi, LEVEL, 4e-3)
+    assert (chuck.period, chuck.first) == pytest.approx((PERIOD, FIRST))
+    assert (chuck.scale, chuck.core) == pytest.approx((SCALE, SCALE - LEVEL))
+
+
 def test_the_chuck_is_told_turns():
     """Steps per mm that do not belong to its diameter would turn it too far."""
     samples = np.zeros(3, SAMPLE)

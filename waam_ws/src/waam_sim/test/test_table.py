@@ -15,7 +15,7 @@ from waam_process.grid import GridSpec, HeightGrid
 from waam_sim import part
 from waam_sim.drive import Drive
 from waam_sim.plant import Plant, PlantParams
-from waam_sim.table import keep, kept_diameter, restore
+from waam_sim.table import keep, kept_shaft, restore
 
 SPEC = GridSpec(-1e-3, 2e-3, 0.5e-3, 7, 9)
 
@@ -32,12 +32,12 @@ def test_what_is_written_into_the_array_is_found_again(tmp_path):
     assert (np.delete(found.z.ravel(), 31) == np.delete(surface().z.ravel(), 31)).all()
 
 
-def test_a_shaft_keeps_its_diameter(tmp_path):
+def test_a_shaft_is_known_again(tmp_path):
     file = tmp_path / 'table.npy'
-    keep(surface(), file, 0.04)
-    assert restore(file).spec == SPEC and kept_diameter(file) == 0.04
+    keep(surface(), file, (0.04, 0.01))
+    assert restore(file).spec == SPEC and kept_shaft(file) == (0.04, 0.01)
     keep(surface(), file)
-    assert kept_diameter(file) == 0.0 == kept_diameter(tmp_path / 'gone.npy')
+    assert kept_shaft(file) is None is kept_shaft(tmp_path / 'gone.npy')
 
 
 def test_a_killed_process_leaves_its_metal(tmp_path):

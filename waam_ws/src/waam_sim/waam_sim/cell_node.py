@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import threading
 import time
 import traceback
@@ -21,7 +22,6 @@ from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
 from waam_node.qos import BEAT, LATCHED, PROFILES
 from waam_process.grid import HeightGrid
-from waam_process.unrolled import Unrolled
 
 from . import part
 from .config import CellParams, plant_params
@@ -30,10 +30,14 @@ from .pace import Pace
 from .plant import Plant, warm_up
 from .port import PlantPort
 from .shaft_plant import Chuck, ShaftPlant
-from .table import kept_diameter, restore
+from .table import kept_shaft, restore
 
+Shaft = tuple[float, float]  # m: nominal diameter, z of its surface
 CLOCK_PERIOD_US = 50_000  # of /clock, in controller time
-BLANK, BLANK_LENGTH = Unrolled(0.040), 0.060  # m, the shaft in a chuck until one is loaded
+BLANK, BLANK_LENGTH = (
+    (0.040, 0.010),
+    0.060,
+)  # m, the shaft in a chuck until one is loaded: diameter, z of its surface
 NO_CHUCK = (
     'a shaft turns in a chuck in place of the X axis, and this cell has none (chuck.steps_per_turn)'
 )
@@ -52,15 +56,15 @@ class Cell(WaamNode):
         metal = physics.metal
         self._table = Path(p.table_file) if p.table_file else None
         self._physics, self._has_chuck = physics, p.chuck_steps_per_turn > 0
-        kept, diameter = self._kept()
+        kept, shaft = self._kept()
         if self._has_chuck:
-            shaft = Unrolled(diameter or BLANK.diameter)
-            first = kept or part.shaft(shaft, BLANK_LENGTH, metal.cell, metal.margin)
-            self._plant = self._clamped(first, shaft)
+            turn = physics.heat.cell * round(math.pi * BLANK[0] / physics.heat.cell)
+            blank = part.shaft(BLANK_LENGTH, BLANK[1], metal.cell, turn)
+            first, shaft = (kept, shaft) if kept else (blank, BLANK)
         else:
             length, width, thickness = p.plate
             first = kept or part.plate(length, width, thickness, metal.cell, metal.margin)
-            self._plant = self._clamped(first, None)
+        self._plant = self._clamped(first, shaft)
         self._plant.load(first, p.seed, self._table)
         self._batcher = Batcher(self._plant.scanner.lateral, physics.scanner.batch)
         self._lock = threading.Lock()
@@ -92,21 +96,22 @@ class Cell(WaamNode):
             self._port.close()
         self._thread.join(2.0)
 
-    def _kept(self) -> tuple[HeightGrid | None, float]:
-        """What was left in the cell, and the diameter (m) when it is a shaft; of the other kind it is gone."""
+    def _kept(self) -> tuple[HeightGrid | None, Shaft | None]:
+        """What was left in the cell, and the shaft that it is; of the other kind it is gone."""
         kept = restore(self._table) if self._table else None
-        diameter = kept_diameter(self._table) if self._table else 0.0
-        if kept is None or (diameter > 0) != self._has_chuck:
-            return None, 0.0
-        where = 'in the chuck' if diameter else 'on the table'
+        shaft = kept_shaft(self._table) if self._table else None
+        if kept is None or (shaft is not None) != self._has_chuck:
+            return None, None
+        where = 'in the chuck' if shaft else 'on the table'
         self.get_logger().info(f'{where} lies what was left there ({self._table})')
-        return kept, diameter
+        return kept, shaft
 
-    def _clamped(self, lies: HeightGrid, shaft: Unrolled | None) -> Plant:
+    def _clamped(self, lies: HeightGrid, shaft: Shaft | None) -> Plant:
         """The cell with a part on its table, or with a shaft in its chuck. ValueError for one that does not fit."""
         if shaft is None:
             return Plant(lies, self._physics, self.params.seed)
-        return ShaftPlant(lies, Chuck.of(shaft), self._physics, self.params.seed)
+        chuck = Chuck.around(lies.spec, *shaft, self._physics.heat.cell)
+        return ShaftPlant(lies, chuck, self._physics, self.params.seed)
 
     def _prepare(self) -> None:
         """What has to be known before the thread starts. ValueError ends the node with the text."""
@@ -212,7 +217,7 @@ class Cell(WaamNode):
                     self._plant = plant
                 self._plant.load(loaded, seed, self._table)
             response.message = (
-                f'shaft of {shaft.diameter * 1e3:g} mm in the chuck'
+                f'shaft of {shaft[0] * 1e3:g} mm in the chuck'
                 if shaft
                 else f'part on the table, {loaded.z.max() * 1e3:.2f} mm high'
             )
@@ -222,17 +227,17 @@ class Cell(WaamNode):
         self.get_logger().info(f'load_part: {response.message}')
         return response
 
-    def _part(self, request: LoadPart.Request) -> tuple[HeightGrid, Unrolled | None]:
+    def _part(self, request: LoadPart.Request) -> tuple[HeightGrid, Shaft | None]:
         """What is to be clamped, and the shaft that it is. ValueError (LoadPart.srv)."""
         metal, size = self._physics.metal, request.plate
-        shaft = Unrolled(size.x) if size.x > 0 and size.z == 0 else None
+        shaft = (size.x, size.y) if size.x > 0 and size.z == 0 else None
         if (shaft is not None) != self._has_chuck:
             raise part.PartError(CHUCK_ONLY if self._has_chuck else NO_CHUCK)
         if request.mesh_path:
             tilt = self._physics.robot.tilt
             return part.from_file(request.mesh_path, metal.cell, metal.margin, tilt), shaft
         if shaft:
-            return part.shaft(shaft, size.y, metal.cell, metal.margin), shaft
+            raise part.PartError('a shaft is clamped by its map: mesh_path is empty')
         return part.plate(size.x, size.y, size.z, metal.cell, metal.margin), None
 
     def _on_fault(

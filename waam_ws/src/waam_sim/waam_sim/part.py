@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from waam_process.grid import GridSpec, HeightGrid
-from waam_process.unrolled import Unrolled
 
 from .compiled import jit
 
 MAX_PART_SIZE = 0.5
+BEYOND = 16e-3  # m of bare table beyond the ends of a shaft
 
 
 class PartError(ValueError):
@@ -32,15 +32,13 @@ def plate(size_x: float, size_y: float, size_z: float, cell: float, margin: floa
     return HeightGrid(spec, np.where(inside, size_z, 0.0))
 
 
-def shaft(shaft: Unrolled, length: float, cell: float, margin: float) -> HeightGrid:
-    """An unworn shaft of a `length` (m) as it is unrolled, bare beyond both of its ends."""
-    if not 0.0 < length <= MAX_PART_SIZE:
-        raise PartError(
-            f'the shaft is {length * 1e3:g} mm long, must be more than 0 and at most {MAX_PART_SIZE * 1e3:g} mm'
-        )
-    spec = _around(shaft.length_x, length, cell, margin)
+def shaft(length: float, level: float, cell: float, turn: float) -> HeightGrid:
+    """An unworn shaft as it is unrolled, its surface at z = `level`, bare beyond both of its ends; two turns, each
+    `turn` long (m)."""
+    rim = 0.5 * turn
+    spec = GridSpec.covering(-rim, -BEYOND, turn + rim, length + BEYOND, cell)
     on = (spec.y > 0) & (spec.y < length)
-    return HeightGrid(spec, np.where(on[:, None], shaft.level, np.zeros(spec.shape)))
+    return HeightGrid(spec, np.where(on[:, None], level, np.zeros(spec.shape)))
 
 
 def from_stl(path: str, cell: float, margin: float, tilt: float = 0.0) -> HeightGrid:

@@ -88,7 +88,7 @@ class Plant:
     """The simulated cell with one work-piece. fed: wire so far, m; gassed: for how long gas has flowed, s.
     Not thread-safe: one caller at a time."""
 
-    diameter = 0.0  # m, nominal, of a shaft in a chuck; 0 = the part lies on the table
+    clamped: tuple[float, ...] = ()  # m, of a shaft in a chuck: nominal diameter, z of its surface
 
     def __init__(self, part: HeightGrid, params: PlantParams | None = None, seed: int = 1) -> None:
         self.params = params or PlantParams()
@@ -111,7 +111,7 @@ class Plant:
         self.seed = seed
         self.metal = Metal.on(part, p.metal)
         if table is not None:
-            self.metal.z = keep(part, table, self.diameter)
+            self.metal.z = keep(part, table, self.clamped)
         self.heat = Heat.of(part, p.heat)
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = self._mounted()

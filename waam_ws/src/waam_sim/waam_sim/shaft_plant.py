@@ -18,9 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waam_process.grid import HeightGrid
+from waam_process.grid import GridSpec, HeightGrid
 from waam_process.plant_port import SAMPLE
-from waam_process.unrolled import OVERLAP, Unrolled
 
 from .plant import Plant, PlantParams, Profiles, Reading
 
@@ -42,9 +41,13 @@ class Chuck:
     diameter: float = 0.0  # nominal, of the shaft
 
     @classmethod
-    def of(cls, shaft: Unrolled) -> Chuck:
-        """With a shaft as it is unrolled."""
-        return cls(shaft.period, OVERLAP, shaft.scale, float(shaft.radius_at(0.0)), shaft.diameter)
+    def around(cls, field: GridSpec, diameter: float, level: float, heat_cell: float) -> Chuck:
+        """A shaft of a nominal `diameter` whose surface stands at z = `level` of the field, which shows as much of it
+        before its first turn as behind it. A turn is a whole number of cells of heat."""
+        period = heat_cell * round(math.pi * diameter / heat_cell)
+        x0, x1, *_ = field.extent
+        first, scale = 0.5 * (x0 + x1 - period), period / (2.0 * math.pi)
+        return cls(period, first, scale, 0.5 * diameter - level, diameter)
 
     def share(self, z: float) -> float:
         """Area on the shaft over area of the field."""
@@ -76,7 +79,7 @@ class ShaftPlant(Plant):
             raise ValueError(
                 f'the field shows {x0:g} to {x1:g} m, not the turn and {REACH:g} m beside it'
             )
-        self.chuck, self.diameter = chuck, chuck.diameter
+        self.chuck, self.clamped = chuck, (chuck.diameter, 0.5 * chuck.diameter - chuck.core)
         self._turns = 0
         self._samples = np.zeros(0, SAMPLE)
         flat = dataclasses.replace(params.part, warp=0.0)

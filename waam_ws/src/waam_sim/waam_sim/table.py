@@ -13,15 +13,15 @@ import numpy as np
 from waam_process.grid import GridSpec, HeightGrid
 
 
-def keep(surface: HeightGrid, path: Path, diameter: float = 0.0) -> np.ndarray:
+def keep(surface: HeightGrid, path: Path, shaft: tuple[float, ...] = ()) -> np.ndarray:
     """A (rows, cols) array with the heights (m) of `surface` that lives in `path`; the geometry goes beside it, with
-    the nominal diameter (m) of a shaft in a chuck."""
+    the nominal diameter of a shaft in a chuck and z of its surface (m)."""
     _geometry(path).unlink(missing_ok=True)  # the pair is valid only while the geometry is there
     kept = np.lib.format.open_memmap(path, mode='w+', dtype=np.float64, shape=surface.z.shape)
     kept[:] = surface.z
     kept.flush()
     s = surface.spec
-    data = [s.origin_x, s.origin_y, s.resolution, s.rows, s.cols, diameter]
+    data = [s.origin_x, s.origin_y, s.resolution, s.rows, s.cols, *shaft]
     _geometry(path).write_text(json.dumps(data))
     return np.asarray(kept)
 
@@ -39,12 +39,13 @@ def restore(path: Path) -> HeightGrid | None:
     return HeightGrid(spec, z)
 
 
-def kept_diameter(path: Path) -> float:
-    """m, of the shaft that `restore` finds; 0 for what lies on a table."""
+def kept_shaft(path: Path) -> tuple[float, float] | None:
+    """m, nominal diameter and z of the surface of the shaft that `restore` finds; None for what lies on a table."""
     try:
-        return float(json.loads(_geometry(path).read_text())[5])
-    except (OSError, ValueError, TypeError, LookupError):
-        return 0.0
+        diameter, level = json.loads(_geometry(path).read_text())[5:]
+        return float(diameter), float(level)
+    except (OSError, ValueError, TypeError):
+        return None
 
 
 def _geometry(path: Path) -> Path:
