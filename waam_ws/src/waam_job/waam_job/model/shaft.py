@@ -36,11 +36,14 @@ class ShaftFigures:
 
     @property
     def text(self) -> str:
-        """For people."""
-        return (
-            f'turned to {self.clean_diameter * 1e3:.2f} mm it is clean; roundness {self.roundness * 1e3:.2f} mm, '
-            f'run-out {self.new_run_out * 1e3:.2f} mm, step at the seam {self.seam_step * 1e3:+.2f} mm'
-        )
+        """For people, as far as it is known."""
+        told = [
+            (self.clean_diameter, 'turned to {:.2f} mm it is clean'),
+            (self.roundness, 'roundness {:.2f} mm'),
+            (self.new_run_out, 'run-out {:.2f} mm'),
+            (self.seam_step, 'step at the seam {:+.2f} mm'),
+        ]
+        return ', '.join(text.format(v * 1e3) for v, text in told if math.isfinite(v))
 
     def facts(self) -> dict[str, Any]:
         """For report.json (docs/job_folder.md)."""

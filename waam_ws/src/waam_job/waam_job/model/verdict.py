@@ -90,7 +90,7 @@ class Verdict:
             text = f'RMS {rms:.3f} mm, {within}; with the rim {all_of_it}, {self.word_all}'
         if math.isfinite(self.overrun.max):
             text += f'; {self.overrun.max * 1e3:.1f} mm over the sides'
-        if self.shaft is not None:
+        if self.shaft is not None and self.shaft.text:
             text += f'; {self.shaft.text}'
         if self.unlaid is not None and self.unlaid.area:
             text += f'; {self.unlaid.text}'
