@@ -1,5 +1,5 @@
 """Random worn parts as repair shops get them, to train on: sharp pockets and slots, chipped corners, rounded edges,
-pits, pads, walls, rims and bands, on level, sloping and curved faces. In mm; none of them is a part that is reported."""
+pits, pads, walls, rims, bands, on level, sloping and curved faces. In mm; none of them is a part that is reported."""
 
 from __future__ import annotations
 
