@@ -17,11 +17,33 @@ from mkdocs.config import load_config
 
 ROOT = Path(__file__).resolve().parents[1]
 LINK = re.compile(r'\]\(([^)#:\s]+)')
-USE = (
-    'commands job job_folder archive panel cells planning scanning registration real_cell robots laboratory twin '
-    'recordings upgrading'
-).split()
-CHANGE = ('code_overview interfaces ros adding design equations adaptation link_protocol').split()
+USE = [
+    'commands',
+    'job',
+    'job_folder',
+    'archive',
+    'panel',
+    'cells',
+    'planning',
+    'scanning',
+    'registration',
+    'real_cell',
+    'robots',
+    'laboratory',
+    'twin',
+    'recordings',
+    'upgrading',
+]
+CHANGE = [
+    'code_overview',
+    'interfaces',
+    'ros',
+    'adding',
+    'design',
+    'equations',
+    'adaptation',
+    'link_protocol',
+]
 
 
 def tracked(*patterns: str) -> list[Path]:
