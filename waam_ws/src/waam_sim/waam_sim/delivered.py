@@ -65,7 +65,10 @@ class DeliveredParams:
         turned = _turned(*angles.tolist())
         names = [f'{n}_{a}' for n in ('lateral', 'up') for a in 'xyz']
         axes = dict(zip(names, [*turned[:, 1].tolist(), *turned[:, 2].tolist()], strict=True))
-        offset = {f'offset_{a}': getattr(drawn, f'offset_{a}') + v for a, v in zip('xyz', shift, strict=True)}
+        offset = {
+            f'offset_{a}': getattr(drawn, f'offset_{a}') + v
+            for a, v in zip('xyz', shift, strict=True)
+        }
         return dataclasses.replace(drawn, **axes, **offset)
 
     @property

@@ -45,7 +45,7 @@ KINDS = {
     'test_current': FaultKind('A through the current sensor', -200.0, 200.0, 20.0, False),
     'test_voltage': FaultKind('V at the voltage sensor', 0.0, 60.0, 24.0, False),
     DIAL: FaultKind('factor on the emissivity of the pyrometer', 0.1, 10.0, 1.0, False),
-    'warm_hand': FaultKind('K at the spot of the pyrometer', -50.0, 50.0, 10.0, False),
+    'warm_hand': FaultKind('K at the spot of the pyrometer', -50.0, 300.0, 10.0, False),
 }
 
 

@@ -158,8 +158,8 @@ def _fan_shadow(heights, lateral, source, hidden):
 
 @jit
 def _meet(z, origin_x, origin_y, cell, p, tcp_x, tcp_y, source, s, out):
-    """Where the ray at the lateral coordinate s (m) meets the surface: x, y, height, z_s into `out` (4,); source: height
-    of the scanner. A fan that leans is followed from the height under its last guess, REFINED times."""
+    """Where the ray at the lateral coordinate s (m) meets the surface: x, y, height, z_s into `out` (4,); source:
+    height of the scanner. A fan that leans is followed from the height under its last guess, REFINED times."""
     leans = p.up_x != 0.0 or p.up_y != 0.0
     z_s = -source if leans else 0.0
     for _ in range(REFINED if leans else 1):
