@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,19 +27,11 @@ from .commission_visit import STAND_CLEAR, Visit, at_home, keep, may_burn
 from .progress import JobProgress
 
 ARC_MM = 60.0  # first bead
-LEAD = {
-    'feed': 0.080,
-    'speed': 0.008,
-    'length': 0.012,
-    'steps': 11,
-}  # as waam calibrate lead writes it
+LEAD_FEED, LEAD_SPEED, PIECE_M, LEAD_STEPS = 0.080, 0.008, 0.012, 11  # as of waam calibrate lead
 LEAD_VOLTAGE, FASTER = 22.0, 1.5  # of that program; its second regime over the first
 BESIDE_M = 0.03  # second bead beside the first
 ENDS_M = 0.003  # of a piece, which the drive spoils
-READING_S = {
-    False: 0.01,
-    True: 0.02,
-}  # by which the encoder is older than its frame: virtual, board
+READ_VIRTUAL_S, READ_BOARD_S = 0.01, 0.02  # by which the encoder is older than its frame
 FINISH = 'finish=machined'
 NOT_OURS = 'no'
 HOT = (
@@ -49,6 +42,7 @@ HOT = (
 
 def arc(visit: Visit) -> Outcome:
     """A first bead on scrap: current, voltage, wire, and an arc that stays."""
+    in_force(visit)
     material = get(_wire(visit))
     zero = visit.file.values.get(PLATE) or [
         float(v) for v in KEYS[PLATE].example.strip('[]').split(',')
@@ -73,12 +67,13 @@ def arc(visit: Visit) -> Outcome:
 
 def lead(visit: Visit) -> Outcome:
     """A bead with steps of speed, and what `waam calibrate lead` makes of it."""
-    length = 1e3 * LEAD['length'] * (LEAD['steps'] + 1)
+    length = 1e3 * PIECE_M * (LEAD_STEPS + 1)
     _begin(visit, f'A bead of {length:g} mm with steps of speed is laid beside the first. {HOT}')
-    done = _program(visit, drive.program(**LEAD), BESIDE_M)
+    done = _program(visit, drive.program(LEAD_FEED, LEAD_SPEED, PIECE_M, LEAD_STEPS), BESIDE_M)
     if not done.passed:
         return done
-    found = drive.identify(calibrate.wire(Path(visit.job)), READING_S[visit.cell.board])
+    reading = READ_BOARD_S if visit.cell.board else READ_VIRTUAL_S
+    found = drive.identify(calibrate.wire(Path(visit.job)), reading)
     result = outcome.of_lead(found)
     picture = pictures.wire_steps(found)
     keep(visit, result, [picture])
@@ -99,31 +94,21 @@ def bead(visit: Visit) -> Outcome:
     feed, speed, voltage = material.wire_feed, material.speed, material.voltage
     first = beads.Bead('first arc', (0.02, 1e-3 * ARC_MM - 0.015), 0.0, feed, speed, voltage)
     found = [(first, _sections(visit.laid['arc'], [first])[0])]
-    slow, fast = (
-        [p for p in _pieces() if p.speed == s] for s in sorted({p.speed for p in _pieces()})
-    )
-    for name, pieces in (('slow', slow), ('fast', fast)):
+    for name, factor in (('slow', 1.0), ('fast', FASTER)):
+        pieces = _pieces(factor)
         seen = _sections(visit.laid['lead'], pieces)
-        mean = beads.Section(
-            *(float(np.mean([getattr(s, n) for s in seen])) for n in ('area', 'height', 'width'))
-        )
-        found.append(
-            (
-                beads.Bead(name, pieces[0].x, 0.0, pieces[0].feed, pieces[0].speed, LEAD_VOLTAGE),
-                mean,
-            )
-        )
+        found.append((replace(pieces[0], name=name), beads.mean_of(seen)))
     return beads.beads(found, material)
 
 
-def _pieces() -> list[beads.Bead]:
-    """Of the bead of `lead`, without the first and the last: the arc starts and ends there."""
-    size, found = LEAD['length'], []
-    for k in range(1, int(LEAD['steps'])):
-        factor = FASTER if k % 2 else 1.0
-        x = (k * size + ENDS_M, (k + 1) * size - ENDS_M)
-        regime = LEAD['feed'] * factor, LEAD['speed'] * factor, LEAD_VOLTAGE
-        found.append(beads.Bead(f'piece {k}', x, BESIDE_M, *regime))
+def _pieces(factor: float) -> list[beads.Bead]:
+    """Of the bead of `lead` with this regime, without the first and the last: the arc starts and ends there."""
+    regime = LEAD_FEED * factor, LEAD_SPEED * factor, LEAD_VOLTAGE
+    found = []
+    for k in range(1, LEAD_STEPS):
+        if (k % 2 == 1) is (factor != 1.0):
+            x = (k * PIECE_M + ENDS_M, (k + 1) * PIECE_M - ENDS_M)
+            found.append(beads.Bead(f'piece {k}', x, BESIDE_M, *regime))
     return found
 
 
@@ -141,12 +126,13 @@ def _sections(job: str, wanted: list[beads.Bead]) -> list[beads.Section]:
 
 def part(visit: Visit) -> Outcome:
     """A part that is restored in closed loop by a job; its verdict."""
+    in_force(visit)
     visit.say(
         'place',
-        'Clamp a small worn part of steel where jobs expect it (work zero): 40 to 90 mm long, some mm deep, its nominal '
-        'mesh on this computer.',
+        'Clamp a small worn part of steel where jobs expect it (work zero): 40 to 90 mm long, some mm deep, its '
+        'nominal mesh on this computer.',
     )
-    text = f'The part is restored, and may be machined afterwards. {HOT} It begins with the name of its nominal mesh; or no'
+    text = f'The part is restored. {HOT} It begins when you name the file of its nominal mesh (mm).'
     nominal = visit.ask('nominal', text, (NOT_OURS,), file=True)
     if nominal == NOT_OURS:
         raise CommissionError(f'step {visit.step.name}: the operator is not ready')
@@ -164,12 +150,12 @@ def part(visit: Visit) -> Outcome:
 
 
 def _begin(visit: Visit, text: str) -> None:
+    in_force(visit)
     visit.ready(text)
     _ready_for_jobs(visit)
 
 
 def _ready_for_jobs(visit: Visit) -> None:
-    in_force(visit)
     at_home(visit)
     may_burn(visit)
 

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from waam_job.model.goal import JobGoal, check
 from waam_msgs.srv import InjectFault
+from waam_node.stl import block, write_stl
 from waam_process.grid import GridSpec, HeightGrid
 from waam_process.operating import BUILD_PLATE, DEFAULT_MATERIAL
 
@@ -27,6 +28,7 @@ TOUCH_MM = 0.02  # of the wire tip on an artefact
 AMPERES, VOLTS, WARMER_K, HOTTER_K = 20.0, 24.0, 15.0, 180.0
 LISTENS = 30  # frames of telemetry
 STANDS_MM = (70.0, 60.0)  # the artefact, work frame
+PAD_MM, WORN_MM = (54.0, 42.0, 14.0), 4.0  # the part, and how deep it is worn
 CELL_M = 0.4e-3  # of its map: that of the simulated metal
 DIAL_STEPS = 6  # that it takes at the pyrometer
 
@@ -40,6 +42,25 @@ DOES = {  # action -> fault of the cell, value; all others only make an end of i
 }
 LETS_GO = ('_off', '.cool', '.out')
 SAYS = {'signals.current_told': f'{AMPERES:g}', 'signals.voltage_told': f'{VOLTS:g}'}
+
+
+def worn_pad(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Height (mm) of the top of a small part: a trough with soft flanks; the rim is intact."""
+    length, width, height = PAD_MM
+    u, v = np.abs((x - length / 2) / (0.4 * length)), np.abs((y - width / 2) / (0.38 * width))
+    trough = np.clip((1.0 - (u**4 + v**4) ** 0.25) / 0.35, 0.0, 1.0)
+    return height - WORN_MM * trough * trough * (3 - 2 * trough)
+
+
+def write_pad(folder: Path) -> tuple[Path, Path]:
+    """Meshes of it as it should be, and worn."""
+    length, width, height = PAD_MM
+    x, y = (np.linspace(0.0, end, round(end) + 1) for end in (length, width))
+    ends = np.array([0.0, length]), np.array([0.0, width])
+    nominal, worn = folder / 'pad_nominal.stl', folder / 'pad_worn.stl'
+    write_stl(nominal, block(np.full((2, 2), height), *ends), 'pad, nominal, mm')
+    write_stl(worn, block(worn_pad(*np.meshgrid(x, y)), x, y), 'pad, worn, mm')
+    return nominal, worn
 
 
 class Hand:
@@ -162,7 +183,7 @@ class Hand:
         self._load(HeightGrid(spec, np.clip(np.minimum(*sides), 0.0, height)))
         error = self._rng.normal(0, TOUCH_MM, 3)
         wanted = np.array([*STANDS_MM, HEIGHT_MM]) + self._look()['zero_mm'] + error
-        for axis in (0, 1, 2):
+        for axis in (1, 0, 2):  # Y first: it leans
             for _ in range(2):
                 self._cell.jog('xyz'[axis], float((wanted - self._torch())[axis]), 0.04)
 

@@ -67,14 +67,14 @@ def scanner(visit: Visit) -> Outcome:
         'the stick-out of the job, jogged by the panel.',
     )
     visit.ready(
-        'The wire tip touches the middle of its top. It goes up, and the scanner passes over it six times; its laser is '
-        f'on. {STAND_CLEAR}'
+        'The wire tip touches the middle of its top. It goes up, and the scanner passes over it six times with its '
+        f'laser on. {STAND_CLEAR}'
     )
     tip = visit.cell.here
     touched = replace(artefact, position=np.array(tip) - (0.0, 0.0, artefact.body.height))
     listening = Profiles(visit.cell)
     start = _start(visit.file)
-    _move(visit, [approach(tip, (tip[0], tip[1], tip[2] + LIFT))[-1]])
+    _move(visit, approach(tip, (tip[0], tip[1], tip[2] + LIFT))[:1])
     with listening.on():
         _move(visit, path(tip, start))
     seen = listening.taken()
@@ -151,7 +151,7 @@ def _judged(visit: Visit, found: Calibration, artefact: Artefact) -> Outcome:
     shown = (
         Check('beside the drawing', 1e3 * float(np.linalg.norm(moved)), 0.0, 20.0, 'mm'),
         Check('turned against the drawing', angle, 0.0, 5.0, 'deg'),
-        Check('delay of its stamps', 1e3 * found.mounting.delay, -1e3 * DELAY, 1e3 * DELAY, 'ms'),
+        Check('delay of its stamps', 1e3 * float(found.mounting.delay), -1e3 * DELAY, 1e3 * DELAY, 'ms'),
         Check('noise', 1e3 * found.noise, 0.0, 0.15, 'mm'),
         Check('uncertainty of the place', 1e3 * float(sigma[:3].max()), 0.0, 0.1, 'mm'),
         Check('uncertainty of the angles', math.degrees(float(sigma[3:6].max())), 0.0, 0.05, 'deg'),

@@ -225,7 +225,10 @@ def to_data(book: Book) -> dict[str, Any]:
     entries = [asdict(e) for e in sorted(book.entries.values(), key=lambda e: e.order)]
     for entry in entries:
         outcome = entry['outcome']
-        outcome['checks'] = [list(c.values()) for c in outcome['checks']]
+        outcome['checks'] = [
+            [c['name'], *(float(c[k]) for k in ('value', 'low', 'high')), c['unit']]
+            for c in outcome['checks']
+        ]
         outcome['pictures'] = list(outcome['pictures'])
     data = {HEAD: VERSION, 'cell': book.cell, 'entries': entries}
     data['sha256'] = digest(data)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_sim.plant import PlantParams
-from waam_sim.pyrometer import C2, KELVIN
 
 from .compare import Comparison
 from .electric import Steady, fit_current, scatter, steady
