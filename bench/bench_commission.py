@@ -34,11 +34,12 @@ from lib.emit import emit
 from waam_bringup import cell_check, cell_graph, paths
 from waam_bringup.client import ClientError, GraphClient
 from waam_bringup.commission import Shelf, go_on
-from waam_bringup.commission_arc import FINISH
+from waam_bringup.commission_arc import FINISH, Paused
 from waam_bringup.commission_cell import CommissionedCell
 from waam_bringup.commission_hand import Hand, write_pad
 from waam_bringup.graph import Settings
 from waam_bringup.operate import graph
+from waam_bringup.progress import JobProgress
 from waam_calibrate import store
 from waam_calibrate.commission import BUILT, CommissionError
 from waam_calibrate.results import newest
@@ -147,8 +148,9 @@ def plainly(cell: CommissionedCell, nominal: Path) -> bool:
         loop_mode='closed_loop', plan_settings=[FINISH], fresh=True,
     )  # fmt: skip
     goal.k_gain = goal.layer_height = goal.bead_width = goal.tolerance = math.nan
-    with GraphClient(cell.domain) as client:
-        result = client.run_job(goal, lambda _: None)
+    with GraphClient(cell.domain) as client, JobProgress(goal.name) as progress:
+        paused = Paused(client, progress, lambda: '')
+        result = client.run_job(goal, paused.heard, paused.look)
         seen = truth(client)
     note(f'without the wizard: error {result.error_code}, {result.message}; truly {seen}')
     return result.error_code == 0 and seen.good

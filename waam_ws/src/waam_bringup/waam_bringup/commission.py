@@ -33,7 +33,7 @@ from .cli_common import run_and_domain
 from .commission_cell import CommissionedCell
 from .commission_steps import run
 from .commission_visit import FOLDER, HAND_S, Operator, Question, Visit
-from .operate import require_up
+from .operate import graph_watch, require_up
 
 BOOK, PAGE = 'book.yaml', 'page.html'
 HEAD = '# Made by `waam commission`; the hash tells whether it was changed.\n'
@@ -166,7 +166,7 @@ def commission(args: argparse.Namespace) -> int:
     operator: Operator = AnswerFile(args.answers) if args.answers else Terminal()
     run_folder, domain = run_and_domain(args)
     board = not require_up(run_folder).simulated
-    with CommissionedCell(domain, board) as cell:
+    with CommissionedCell(domain, board, graph_watch(run_folder)) as cell:
         if not board:
             cell.meet_cell()
         return go_on(shelf, cell, operator, args.yes, step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from waam_calibrate import lead as drive
 from waam_calibrate import outcome, pictures
 from waam_calibrate.commission import Check, CommissionError, Outcome
 from waam_msgs.action import RunJob
+from waam_msgs.msg import JobStatus
 from waam_node import job_folder
 from waam_process.cell_keys import KEYS, MATERIAL, PLATE
 from waam_process.grid import GridSpec
@@ -149,6 +151,29 @@ def part(visit: Visit) -> Outcome:
     return Outcome(True, result.message, shown)
 
 
+class Paused:
+    """Aborts a job that pauses, for what makes it pause is to be mended before the step is repeated. why: it paused."""
+
+    def __init__(
+        self, client: GraphClient, progress: JobProgress, trouble: Callable[[], str]
+    ) -> None:
+        self._client, self._progress, self._trouble = client, progress, trouble
+        self.why, self._aborted = '', False
+
+    def heard(self, status: JobStatus) -> None:
+        """Of the running job."""
+        self._progress(status)
+        if status.state == JobStatus.PAUSED:
+            self.why = self.why or status.message
+
+    def look(self) -> str:
+        """Why the graph cannot finish the job, '' = it can."""
+        if self.why and not self._aborted:
+            self._aborted = True
+            self._client.trigger('job_sequencer/abort')
+        return self._trouble()
+
+
 def _begin(visit: Visit, text: str) -> None:
     in_force(visit)
     visit.ready(text)
@@ -186,9 +211,12 @@ def _job(visit: Visit, **fields: object) -> tuple[Outcome, RunJob.Result]:
         k_gain=nan, layer_height=nan, bead_width=nan, tolerance=nan, notes=['commissioning=yes'], fresh=True, **fields,
     )  # fmt: skip
     with GraphClient(visit.cell.domain) as client, JobProgress(goal.name) as progress:
-        result = client.run_job(goal, progress)
+        paused = Paused(client, progress, visit.cell.trouble)
+        result = client.run_job(goal, paused.heard, paused.look)
     visit.job = result.job_dir
     if result.error_code:
-        text = f'{result.message} (error {result.error_code})'
+        text = '; '.join(
+            filter(None, (paused.why, f'{result.message} (error {result.error_code})'))
+        )
         return Outcome(False, text, (), 'what the job says; waam status'), result
     return Outcome(True, result.message), result

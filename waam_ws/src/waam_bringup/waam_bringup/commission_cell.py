@@ -3,6 +3,7 @@ cell is used."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,12 @@ STRIKE_WIRE, STRIKE_VOLTAGE = 0.05, 18.0  # SI, in the middle of what a bridge t
 class CommissionedCell(Shaking):
     """Use as a context manager. Lengths mm, machine axes."""
 
-    def __init__(self, domain: int, board: bool = False) -> None:
-        """board: the controller is one, and not simulated."""
+    def __init__(
+        self, domain: int, board: bool = False, trouble: Callable[[], str] = lambda: ''
+    ) -> None:
+        """board: the controller is one, and not simulated; trouble: why the graph can finish no job any more."""
         super().__init__(domain)
-        self.domain, self.board = domain, board
+        self.domain, self.board, self.trouble = domain, board, trouble
         self.frames: list[Telemetry] = []
         self.celsius: list[float] = []
         self._clients: dict[str, Any] = {}

@@ -122,11 +122,17 @@ OFF = {
 }  # fmt: skip
 
 
+OVER = np.array([-0.01, 0.03, 0.02])  # m, work frame, with the scanner over the plate
+
+
 def scanned(plant: Plant):
-    """Profiles of a torch that stands at START."""
+    """Profiles of a torch that stands at OVER."""
+    still = samples()
+    at = OVER + plant.params.work_zero
+    still['table_x'], still['table_y'], still['tool_z'] = -at[0], -at[1], at[2]
     plant.scanning = True
-    live(plant, 1)
-    return plant.profiles(samples())
+    plant.step(still, plant.time_us + 10_000)
+    return plant.profiles(still)
 
 
 def about(axis: int, degrees: float) -> np.ndarray:
@@ -146,8 +152,7 @@ def test_a_point_of_a_scanner_that_sits_elsewhere_lies_on_the_surface_all_the_sa
     z = scanned(plant).z[0].astype(float)
     turn = about(2, off.get('scanner_yaw', 0)) @ about(1, off.get('scanner_pitch', 0))
     turn = turn @ about(0, off.get('scanner_roll', 0)) @ about(2, 90.0)
-    tcp = np.array(START) - plant.params.work_zero
-    at = tcp + [
+    at = OVER + [
         0.060 + off.get('scanner_x', 0),
         off.get('scanner_y', 0),
         0.120 + off.get('scanner_z', 0),
