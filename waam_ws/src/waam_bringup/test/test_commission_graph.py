@@ -14,6 +14,7 @@ import yaml
 
 from waam_bringup import cell_check, cell_graph, cli, paths
 from waam_bringup.commission import AnswerFile, Shelf, go_on
+from waam_bringup.commission_arc import Paused
 from waam_bringup.commission_axes import LENGTHS, WIRE_MM
 from waam_bringup.commission_cell import CommissionedCell
 from waam_bringup.commission_hand import AMPERES, HOTTER_K, VOLTS, Hand, write_pad
@@ -30,6 +31,7 @@ from waam_calibrate.commission import (
     CommissionError,
     Outcome,
 )
+from waam_msgs.msg import JobStatus
 from waam_node.testing import fresh_domain
 from waam_scan.calibration.file import load_calibration
 
@@ -247,3 +249,21 @@ def test_answers_are_cleaned_and_what_is_none_is_refused(tmp_path):
     file.write_text(yaml.safe_dump({'steps.x': [79.9, 200.1, 320], 'part.nominal': str(mesh)}))
     assert AnswerFile(file).ask(lengths) == '79.9 200.1 320'
     assert AnswerFile(file).ask(part) == str(mesh)
+
+
+def test_a_job_that_pauses_is_aborted_once_and_says_why():
+    ordered: list[str] = []
+
+    class Client:
+        trigger = staticmethod(ordered.append)
+
+    gone = ['']
+    paused = Paused(Client, lambda status: None, lambda: gone[0])
+    paused.heard(JobStatus(state=JobStatus.DEPOSITING))
+    assert paused.look() == '' and ordered == []
+    for text in ('paused: no gas', 'paused: something else'):
+        paused.heard(JobStatus(state=JobStatus.PAUSED, message=text))
+        assert paused.look() == ''
+    assert ordered == ['job_sequencer/abort'] and paused.why == 'paused: no gas'
+    gone[0] = 'the graph was stopped'
+    assert paused.look() == 'the graph was stopped'

@@ -61,8 +61,10 @@ def apply(settings: Settings, simulated: bool) -> Applied:
 
 def _scanner(settings: Settings, cell: CellFile) -> Path | None:
     """The calibration that `waam commission` has made, unless cell file or parameter files say where the scanner
-    sits."""
+    sits. That of a simulated cell sits elsewhere than that of the real one."""
     file, own = scanner_calibration(), told_to('scan_fusion', settings)
+    if settings.simulated and cell.values.get(PORT):
+        return None
     said = any(p in cell.values for p in (cell_check.CALIBRATION, *cell_check.MOUNTING))
     return file if file.is_file() and not said and not own.keys() & PLACES else None
 

@@ -35,7 +35,7 @@ BESIDE_M = 0.03  # second bead beside the first
 ENDS_M = 0.003  # of a piece, which the drive spoils
 READ_VIRTUAL_S, READ_BOARD_S = 0.01, 0.02  # by which the encoder is older than its frame
 FINISH = 'finish=machined'
-NOT_OURS = 'no'
+NO = 'no'
 HOT = (
     'Screens and gloves are on, the source and its gas are on, cables and extraction are seen to. The arc burns, and '
     f'the emergency stop is the way to end it at once. {STAND_CLEAR}'
@@ -55,7 +55,7 @@ def arc(visit: Visit) -> Outcome:
         'Clamp a scrap plate of steel, 200 x 80 mm and more, its corner at work zero and its top as high as '
         f'work.plate_mm says ({corner} mm from that corner is zero).',
     )
-    _begin(visit, f'A bead of {ARC_MM:g} mm is laid on the scrap plate. {HOT}')
+    _begin(visit, f'A bead of {ARC_MM:g} mm is laid on the bare plate. {HOT}')
     rows = [
         '; first arc', 'G21 G90', 'G0 Z10', 'G0 X0 Y0', f'G1 Z0 F600 W{to_mm_min(material.wire_feed):.0f} '
         f'S{material.voltage:g}', 'M3', f'G1 X{ARC_MM:g} F{to_mm_min(material.speed):.0f}', 'M5', 'G0 Z10', '',
@@ -70,7 +70,8 @@ def arc(visit: Visit) -> Outcome:
 def lead(visit: Visit) -> Outcome:
     """A bead with steps of speed, and what `waam calibrate lead` makes of it."""
     length = 1e3 * PIECE_M * (LEAD_STEPS + 1)
-    _begin(visit, f'A bead of {length:g} mm with steps of speed is laid beside the first. {HOT}')
+    place = f'{1e3 * BESIDE_M:g} mm behind the first bead, where the plate is bare'
+    _begin(visit, f'A bead of {length:g} mm with steps of speed is laid {place}. {HOT}')
     done = _program(visit, drive.program(LEAD_FEED, LEAD_SPEED, PIECE_M, LEAD_STEPS), BESIDE_M)
     if not done.passed:
         return done
@@ -135,8 +136,8 @@ def part(visit: Visit) -> Outcome:
         'nominal mesh on this computer.',
     )
     text = f'The part is restored. {HOT} It begins when you name the file of its nominal mesh (mm).'
-    nominal = visit.ask('nominal', text, (NOT_OURS,), file=True)
-    if nominal == NOT_OURS:
+    nominal = visit.ask('nominal', text, (NO,), file=True)
+    if nominal == NO:
         raise CommissionError(f'step {visit.step.name}: the operator is not ready')
     _ready_for_jobs(visit)
     mesh = str(Path(nominal).expanduser().resolve())

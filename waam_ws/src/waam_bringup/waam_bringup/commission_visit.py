@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from waam_calibrate import report, store
-from waam_calibrate.commission import CommissionError
+from waam_calibrate.commission import CommissionError, Step
 from waam_calibrate.results import Result, missing, newest, refusals
 from waam_process.cell_file import CellFile
 
@@ -84,7 +84,7 @@ class Visit:
     patience: s that a person has for what he is told to do; laid: folders of the jobs of steps before, by their names;
     job: folder of the job of this one. Whatever is asked and drawn is noted."""
 
-    step: Any
+    step: Step
     cell: CommissionedCell
     operator: Operator
     file: CellFile

@@ -240,7 +240,10 @@ def profile(
     met = np.empty((n, 4))
     hidden = np.zeros(n, np.bool_)
     for j in range(n):
-        _meet(z, origin_x, origin_y, cell, p, tcp_x, tcp_y, source, lateral[j], met[j])
+        _meet(
+            z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, p=p, tcp_x=tcp_x, tcp_y=tcp_y, source=source,
+            s=lateral[j], out=met[j],
+        )  # fmt: skip
     heights = met[:, 2].copy()
     _fan_shadow(heights, lateral, source, hidden)
     slope = 1.0 / math.tan(p.triangulation)
