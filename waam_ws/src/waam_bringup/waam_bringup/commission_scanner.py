@@ -21,6 +21,7 @@ from waam_scan.commands.calibration_report import draw
 from waam_scan.transform import Mounting
 
 from . import paths
+from .cell_check import CALIBRATION, MOUNTING
 from .commission_profiles import Profiles, scanner_settings
 from .commission_visit import STAND_CLEAR, Visit, at_home
 from .shaking import NAME, approach
@@ -43,20 +44,21 @@ PASSES = (
 
 def in_force(visit: Visit) -> None:
     """CommissionError unless scan_fusion runs with the calibration that the step has made, or the cell file names."""
-    told = visit.file.values.get('sensors.scanner.calibration')
-    wanted = str(told or paths.scanner_calibration())
-    has = scanner_settings(visit.cell)['calibration']
+    file, has = visit.file, scanner_settings(visit.cell)['calibration']
+    wanted = str(file.values.get(CALIBRATION) or paths.scanner_calibration())
     if has != wanted:
+        says = ', '.join(file.where(path) for path in MOUNTING if path in file.values)
+        first = f'take {says} out of the cell file, ' if says else ''
         raise CommissionError(
-            f'step {visit.step.name}: scan_fusion runs with {has or "no calibration"}, found was {wanted}: waam stop, '
-            f'waam up --cell {paths.cell_name()}, and waam commission again'
+            f'step {visit.step.name}: scan_fusion runs with {has or "no calibration"}, found was {wanted}: {first}'
+            f'waam stop, waam up --cell {paths.cell_name()}, and waam commission again'
         )
 
 
 def scanner(visit: Visit) -> Outcome:
     """Mounting and delay by passes over an artefact that the wire tip has touched."""
-    if named := visit.file.values.get('sensors.scanner.calibration'):
-        where = visit.file.where('sensors.scanner.calibration')
+    if named := visit.file.values.get(CALIBRATION):
+        where = visit.file.where(CALIBRATION)
         raise CommissionError(f'step scanner: {where} names {named}: take the line out first')
     artefact = _artefact(visit)
     at_home(visit)
