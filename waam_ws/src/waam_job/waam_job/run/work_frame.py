@@ -31,6 +31,16 @@ def reach_known(machine: Machine) -> bool:
     return all(low < high for low, high in pairs)
 
 
+def reached(machine: Machine, zero: Point) -> Point:
+    """Where the torch is, m, work frame, for a plan that stays within the limits: a homed axis stands on a whole step,
+    which may be half a one beyond them."""
+    if not reach_known(machine):
+        return machine.position
+    ends = minus(machine.limit_min, zero), minus(machine.limit_max, zero)
+    x, y, z = (min(max(p, low), high) for p, low, high in zip(machine.position, *ends, strict=True))
+    return x, y, z
+
+
 def plan_settings(checked: Checked, settings: Settings, machine: Machine) -> PlanSettings:
     """What the planner needs of goal, material and machine."""
     zero = work_zero(checked.goal, settings)
