@@ -25,7 +25,7 @@ from waam_msgs.msg import JobStatus
 from waam_node.stl import write_worn_block
 from waam_node.testing import fresh_domain
 
-sys.path.insert(0, str(Path(__file__).parent))  # for import_graph and import_table
+sys.path.insert(0, str(Path(__file__).parent))  # for cores and purity
 MAX_PAUSE_S = 120.0  # of a job that no test resumes
 WITHOUT_ROS = {name for name, d in load().items() if not d.get('ros', True)}
 

@@ -8,44 +8,51 @@ import subprocess
 import sys
 from pathlib import Path
 
+import grimp
 import pytest
 import yaml
-from import_graph import Workspace, impurities, longest_call
-from import_table import KNOWN, MAY_IMPORT, TALKS_TO_THE_WORLD, Table
+from cores import TALKS_TO_THE_WORLD, violations
+from importlinter.cli import lint_imports
+from purity import impurities, longest_call, modules
 
 ROOT = Path(__file__).parents[1]
 SRC = ROOT / 'waam_ws' / 'src'
 PACKAGES = sorted(p.name for p in SRC.iterdir() if (p / 'package.xml').exists())
-WORKSPACE = Workspace(SRC)
-TABLE = Table()
+PYTHON = [p for p in PACKAGES if (SRC / p / p / '__init__.py').exists()]
+MODULES = modules(SRC)
+ROS = re.compile(r'(rclpy|\w+_msgs|\w+_srvs|\w+_interfaces|ament_index_python|rosidl_\w+)(\.|$)')
 
 
-def test_imports_follow_the_table():
-    """test/import_table.py: who may import whom, no circles, cores without ROS, clock and I/O."""
-    found = TABLE.violations(WORKSPACE) - set(KNOWN)
-    assert not found, '\n' + '\n'.join(sorted(f'{v.where}: {v.rule}' for v in found))
+@pytest.fixture(scope='module')
+def imports():
+    """The graph of all imports, also those in functions and for type checking."""
+    return grimp.build_graph(*PYTHON, include_external_packages=True, cache_dir=None)
 
 
-def test_known_violations_are_still_there():
-    """What is mended leaves the list, so that it cannot come back."""
-    stale = set(KNOWN) - TABLE.violations(WORKSPACE)
-    text = '\n'.join(f'{v.where}: {v.rule} ({KNOWN[v]})' for v in sorted(stale))
-    assert not stale, f'mended, strike them from KNOWN in test/import_table.py:\n{text}'
+def test_packages_import_lower_layers_only_and_nothing_goes_round_in_a_circle():
+    config = ROOT / '.importlinter'
+    listed = re.search(r'root_packages =\n((?: +\w+\n)+)', config.read_text())
+    assert listed and listed[1].split() == PYTHON
+    assert lint_imports(config_filename=str(config), no_cache=True) == 0
 
 
-def test_every_package_is_in_the_table():
-    assert {m.package for m in WORKSPACE.modules.values()} == set(MAY_IMPORT)
+def test_cores_know_no_ros_no_clock_and_no_disk(imports):
+    ros = {name for name in imports.modules if ROS.match(name)}
+    know_ros = ros.union(*(imports.find_downstream_modules(name) for name in ros))
+    assert 'waam_job.ros.ros_cell' in know_ros and 'waam_job.run.layer_cycle' not in know_ros
+    found = violations(MODULES, know_ros)
+    assert not found, '\n'.join(f'{file}: {what} in a core' for file, what in sorted(found))
 
 
 @pytest.mark.parametrize('pattern', TALKS_TO_THE_WORLD)
 def test_files_that_talk_to_the_world_do_so(pattern):
-    files = [m for m in WORKSPACE.modules.values() if re.fullmatch(pattern, m.file)]
+    files = [m for m in MODULES if re.fullmatch(pattern, m.file)]
     assert any(impurities(m) for m in files), 'strike it from the table'
 
 
 def test_no_call_has_more_positional_arguments_than_a_reader_can_count():
     """What needs more says which is which by keywords. Tests, benchmarks and compiled loops as well."""
-    trees = {f'{SRC.relative_to(ROOT)}/{m.file}': m.tree for m in WORKSPACE.modules.values()}
+    trees = {f'{SRC.relative_to(ROOT)}/{m.file}': m.tree for m in MODULES}
     for folder in (*SRC.glob('*/test'), ROOT / 'bench', ROOT / 'test', ROOT / 'scripts'):
         for file in folder.glob('**/*.py'):
             trees[str(file.relative_to(ROOT))] = ast.parse(file.read_text())
@@ -53,9 +60,9 @@ def test_no_call_has_more_positional_arguments_than_a_reader_can_count():
     assert count <= 8, f'{where}: {count} positional arguments'
 
 
-def test_simulator_and_controller_share_no_physics():
-    own = [m.name for m in WORKSPACE.modules.values() if m.package == 'waam_sim']
-    used = set().union(*(WORKSPACE.imports[name] for name in own))
+def test_simulator_and_controller_share_no_physics(imports):
+    own = [m.name for m in MODULES if m.package == 'waam_sim']
+    used = set().union(*(imports.find_modules_directly_imported_by(name) for name in own))
     shared = {name.removeprefix('waam_process.') for name in used if 'waam_process' in name}
     # plant_port: the layout of the bytes between both, no formula
     assert shared and shared <= {'grid', 'plant_port', 'segment', 'units'}
@@ -155,9 +162,7 @@ def test_every_import_is_a_declared_dependency(package):
     declared = set(
         re.findall(r'<(?:exec_|build_)?depend>([^<]+)', (SRC / package / 'package.xml').read_text())
     )
-    used = set().union(
-        *(imported(m.tree) for m in WORKSPACE.modules.values() if m.package == package), set()
-    )
+    used = set().union(*(imported(m.tree) for m in MODULES if m.package == package), set())
     used -= set(sys.stdlib_module_names) | PIP_ONLY | {package}
     assert not {ROSDEP.get(name, name) for name in used} - declared
 

@@ -261,3 +261,13 @@ def test_a_command_that_does_not_exist_is_found():
 def test_commands_exist(page):
     wrong = {c: w for c in commands_in(page.read_text()) if (w := unknown_in(c))}
     assert not wrong
+
+
+def test_make_docs_makes_a_site_without_broken_links(tmp_path):
+    script = ROOT / 'scripts' / 'docs_site.py'
+    done = subprocess.run(
+        [sys.executable, script, tmp_path], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    home, search = (tmp_path / n for n in ('index.html', 'search/search_index.json'))
+    assert 'waam_panel' in home.read_text() and 'unrolled' in search.read_text()

@@ -51,6 +51,31 @@ def half_made():
 
 main(half_made)
 """
+STOPPED_IN_A_CALLBACK = """
+import os
+import signal
+import time
+
+from waam_node.node import main
+from std_msgs.msg import Empty
+from rclpy.node import Node
+
+
+class Busy(Node):
+    def __init__(self):
+        super().__init__('busy')
+        self.out = self.create_publisher(Empty, 'out', 1)
+        self.create_timer(0.01, self.work)
+
+    def work(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+        self.out.publish(Empty())  # raises where the context has gone
+        print('done', flush=True)
+
+
+main(Busy)
+"""
 BAD_PARAMETER = """
 from waam_node.node import main
 
@@ -79,6 +104,11 @@ def test_a_node_that_is_stopped_while_it_is_made_ends_without_an_error():
     done = ended(STOPPED_WHILE_MADE)
     assert done.returncode == 0, done.stderr
     assert 'error' not in done.stderr
+
+
+def test_a_callback_that_runs_when_the_node_is_stopped_comes_to_its_end():
+    done = ended(STOPPED_IN_A_CALLBACK)
+    assert (done.returncode, done.stdout) == (0, 'done\n'), done.stderr
 
 
 def test_a_bad_parameter_is_told_in_one_line():

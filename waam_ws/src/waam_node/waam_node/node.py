@@ -204,18 +204,34 @@ def spin(node: Node) -> None:
     """Spins until shutdown. Finite timeouts: the untimed spin dispatches nothing in these wheels."""
     executor = EventsExecutor()
     executor.add_node(node)
+    _spinning.set()
     try:
-        while rclpy.ok():
+        while rclpy.ok() and not _stopped.is_set():
             executor.spin_once(timeout_sec=0.1)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        _spinning.clear()
         executor.shutdown()
 
 
+_spinning, _stopped = threading.Event(), threading.Event()
+STUCK = 2.0  # s that a callback may take to end before the context goes all the same
+
+
 def _end(*_: object) -> None:
-    """Of SIGTERM. In a thread, for it may interrupt `rclpy.ok()`, which holds the lock that a shutdown needs."""
-    _thread.start_new_thread(rclpy.try_shutdown, ())
+    """Of SIGTERM and SIGINT. In a thread, for it may interrupt `rclpy.ok()`, which holds the lock that a shutdown
+    needs."""
+    _stopped.set()
+    _thread.start_new_thread(_shut_down, ())
+
+
+def _shut_down() -> None:
+    """Between two callbacks: when the context goes under one, what it raises can abort the process."""
+    end = time.monotonic() + STUCK
+    while _spinning.is_set() and time.monotonic() < end:
+        time.sleep(0.01)
+    rclpy.try_shutdown()
 
 
 def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
@@ -224,7 +240,8 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     faulthandler.register(signal.SIGUSR1)  # where every thread is, into the log
     turn = priority.take()  # before the middleware starts its threads
     rclpy.init(args=args)
-    signal.signal(signal.SIGTERM, _end)
+    for told in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(told, _end)
     node = None
     try:
         node = factory()
@@ -233,9 +250,7 @@ def run(factory: Callable[[], Node], args: list[str] | None = None) -> int:
         gc.freeze()  # a collection over all imported modules takes 40 ms, every few seconds
         spin(node)
     except Exception as e:
-        if (
-            not rclpy.ok()
-        ):  # it was being made, or a callback was running, when the node was stopped
+        if _stopped.is_set() or not rclpy.ok():  # it was being made, or a callback was running
             return 0
         if isinstance(e, NamesakeError) or (node is None and isinstance(e, ValueError)):
             print(f'error: {e}', file=sys.stderr)

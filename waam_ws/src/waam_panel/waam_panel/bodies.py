@@ -17,7 +17,9 @@ from .security import Denied
 FORM, COMMAND = 512, 64 << 10  # bytes: a plain form, a command with JSON
 PATIENCE_S = 5.0  # for a form or a command
 UPLOAD_S = 120.0
-LIMIT, READ = 'limit', 'read'  # keys of a request: bytes that its route allows; what was read
+# keys of a request: bytes that its route allows; what was read
+LIMIT: web.RequestKey[int] = web.RequestKey('limit', int)
+READ: web.RequestKey[bytes] = web.RequestKey('read', bytes)
 FORM_TYPE = 'application/x-www-form-urlencoded'
 
 
@@ -43,8 +45,7 @@ async def read(request: web.Request, limit: int | None = None) -> bytes:
     """The whole body; a second call gives the same. limit: below that of the route. Raises Denied: 413 longer, 408 not
     there in time, 400 cut off."""
     if READ in request:
-        found: bytes = request[READ]
-        return found
+        return request[READ]
     most = min(request[LIMIT], limit if limit is not None else request[LIMIT])
     pieces, count = [], 0
     try:

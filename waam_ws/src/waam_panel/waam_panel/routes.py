@@ -37,7 +37,7 @@ class Route:
 
 ROLES: web.AppKey[dict[tuple[str, str], Role | None]] = web.AppKey('roles', dict)
 LIMITS: web.AppKey[dict[tuple[str, str], int]] = web.AppKey('limits', dict)
-VISITOR = 'visitor'  # key of a request: who asks
+VISITOR: web.RequestKey[Visitor] = web.RequestKey('visitor', Visitor)  # who asks
 WHO: ContextVar[str] = ContextVar('who', default='nobody')  # the same, for what a command does
 
 

@@ -283,7 +283,9 @@ def test_a_demo_says_in_words_what_came_out_on_which_cell(demo, tmp_path, change
     run = {'rms_mm': 0.1292, 'share_in_tolerance': 0.8933, 'error_code': 0, **changed}
     whole = {**demo[1], 'preset': 'recorded', 'closed_loop': demo[1]['closed_loop'] | run}
     said = outcome(whole)
-    assert bool(said) == bool(words) and escape(said) in page_of(tmp_path, whole, {})
+    shown = page_of(tmp_path, whole, {}).replace('<code>', '`').replace('</code>', '`')
+    assert bool(said) == bool(words) and escape(said) in shown
+    assert ('<code>waam demo' in page_of(tmp_path, whole, {})) == ('`waam demo' in said)
     assert all(w in said for w in words)
     assert ("'recorded' (beads, arc and scans scatter" in said) == bool(words)
     assert ('--preset gentle' in said) == (changed['verdict'] == 'out of tolerance' and bool(words))

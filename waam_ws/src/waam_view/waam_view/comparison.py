@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,8 +87,8 @@ def _verdict(report: dict, jobs: list[Job]) -> str:
 
 
 def _outcome(report: dict) -> str:
-    said = outcome(report)
-    return f'<p>{escape(said)}</p>' if said else ''
+    said = re.sub(r'`(.+?)`', r'<code>\1</code>', escape(outcome(report)))
+    return f'<p>{said}</p>' if said else ''
 
 
 def _cards(report: dict, jobs: list[Job]) -> str:

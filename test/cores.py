@@ -1,54 +1,20 @@
-"""The import table: which package may import which, and what a module may do besides computing.
+"""Which modules may know ROS, a clock, a disk or a socket. Who may import whom stands in `.importlinter`.
 
 Every module is a core unless this file says otherwise. A core takes numbers and returns numbers: it knows no ROS (not
 even through what it imports), no clock, no file, no socket and no other process. Time and data are arguments.
 
-Three ways out, in the order of preference:
+Two ways out, in the order of preference:
 * put what talks to the world into a file whose name says so (EDGES);
-* name a file whose purpose it is to talk to the world, with the purpose (TALKS_TO_THE_WORLD);
-* KNOWN: a violation that somebody is about to mend. It only ever shrinks; a test fails when an entry is stale.
+* name a file whose purpose it is to talk to the world, with the purpose (TALKS_TO_THE_WORLD).
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterable, Set
 
-from import_graph import Workspace, impurities
+from purity import Module, impurities
 
-MESSAGES = 'waam_msgs'
-MAY_IMPORT: dict[str, set[str]] = {
-    'waam_process': set(),
-    'waam_node': {'waam_process'},
-    'waam_bridge': {'waam_node', 'waam_process'},
-    'waam_sim': {'waam_node', 'waam_process', 'waam_robot'},
-    'waam_record': {'waam_node', 'waam_process'},
-    'waam_scan': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},  # readers of clouds
-    'waam_plan': {'waam_process', 'waam_robot'},
-    'waam_robot': set(),
-    'waam_robot_bridge': {'waam_bridge', 'waam_node', 'waam_process', 'waam_robot'},
-    'waam_calibrate': {'waam_plan', 'waam_process', 'waam_robot'},
-    'waam_adapt': {'waam_node', 'waam_process', 'waam_record'},
-    'waam_archive': {'waam_node', 'waam_process'},
-    'waam_train': {'waam_adapt', 'waam_process'},
-    'waam_job': {'waam_node', 'waam_plan', 'waam_process', 'waam_record'},
-    'waam_lab': {
-        'waam_adapt', 'waam_bridge', 'waam_job', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_robot',
-        'waam_robot_bridge', 'waam_scan', 'waam_sim', 'waam_train', 'waam_view',
-    },
-    'waam_replay': {'waam_adapt', 'waam_node', 'waam_process', 'waam_record', 'waam_scan'},
-    'waam_view': {'waam_node', 'waam_process', 'waam_record', 'waam_robot'},
-    'waam_shop': {'waam_node', 'waam_process'},
-    'waam_panel': {
-        'waam_archive', 'waam_calibrate', 'waam_node', 'waam_plan', 'waam_process', 'waam_record', 'waam_shop',
-        'waam_view',
-    },
-    'waam_bringup': {
-        'waam_adapt', 'waam_bridge', 'waam_calibrate', 'waam_job', 'waam_node', 'waam_panel', 'waam_process',
-        'waam_record', 'waam_scan', 'waam_shop', 'waam_view',
-    },
-}  # fmt: skip
 NO_MESSAGES = {
     'waam_process',
     'waam_plan',
@@ -129,69 +95,19 @@ DECODES_MESSAGES = {
 }  # compute with the nodes' own conversions, without nodes
 
 
-class Violation(NamedTuple):
-    """where: file, room or package; rule: what is wrong there."""
-
-    where: str
-    rule: str
-
-
-KNOWN: dict[Violation, str] = {}  # -> whose branch mends it
-
-
-@dataclass
-class Table:
-    """The rules above; tests put others in their place."""
-
-    may_import: dict[str, set[str]] = field(default_factory=lambda: MAY_IMPORT)
-    no_messages: set[str] = field(default_factory=lambda: NO_MESSAGES)
-    edges: re.Pattern[str] = EDGES
-    world: dict[str, str] = field(default_factory=lambda: TALKS_TO_THE_WORLD)
-    decodes: set[str] = field(default_factory=lambda: DECODES_MESSAGES)
-
-    def violations(self, workspace: Workspace) -> set[Violation]:
-        return (
-            circle_violations(workspace)
-            | self.package_violations(workspace)
-            | self.core_violations(workspace)
-        )
-
-    def package_violations(self, workspace: Workspace) -> set[Violation]:
-        """Imports of packages that are not in the table, or not in package.xml."""
-        found = set()
-        for package, used in workspace.used_packages().items():
-            allowed = self.may_import.get(package, set())
-            if package not in self.no_messages:
-                allowed = allowed | {MESSAGES}
-            found |= {Violation(package, f'may not import {name}') for name in used - allowed}
-            missing = used - workspace.declared(package)
-            found |= {
-                Violation(package, f'package.xml does not declare {name}') for name in missing
-            }
-        return found
-
-    def core_violations(self, workspace: Workspace) -> set[Violation]:
-        """ROS, clock and I/O where they do not belong."""
-        found = set()
-        for module in workspace.modules.values():
-            if self.edges.search(module.file) and module.package not in self.no_messages:
-                continue
-            rules = set() if self._talks(module.file) else impurities(module)
-            if module.name in workspace.know_ros and module.package not in self.decodes:
-                rules.add('ROS')
-            found |= {Violation(module.file, f'{rule} in a core') for rule in rules}
-        return found
-
-    def _talks(self, file: str) -> bool:
-        patterns = (self.edges.search(file), *(re.fullmatch(p, file) for p in self.world))
-        return any(patterns)
+def violations(modules: Iterable[Module], know_ros: Set[str]) -> set[tuple[str, str]]:
+    """File and what it may not know: 'ROS', 'clock' or 'io'. know_ros: names of the modules that import ROS, or
+    something that does."""
+    found = set()
+    for module in modules:
+        if EDGES.search(module.file) and module.package not in NO_MESSAGES:
+            continue
+        what = set() if _talks(module.file) else impurities(module)
+        if module.name in know_ros and module.package not in DECODES_MESSAGES:
+            what.add('ROS')
+        found |= {(module.file, one) for one in what}
+    return found
 
 
-def circle_violations(workspace: Workspace) -> set[Violation]:
-    found = workspace.circles()
-    files = (workspace.modules[name].file for circle in found['files'] for name in circle)
-    return (
-        {Violation(file, 'circle of files') for file in files}
-        | {Violation(room, 'circle of rooms') for circle in found['rooms'] for room in circle}
-        | {Violation(name, 'circle of packages') for circle in found['packages'] for name in circle}
-    )
+def _talks(file: str) -> bool:
+    return bool(EDGES.search(file)) or any(re.fullmatch(p, file) for p in TALKS_TO_THE_WORLD)
