@@ -144,7 +144,7 @@ def test_a_cell_that_is_off_is_led_to_its_first_part(tmp_path, capfd):
     assert 'cleans up' in found['part'].text
     assert cli.main(['commission', NAME, '--page']) == 0
     text = Path(capfd.readouterr().out.splitlines()[-1]).read_text()
-    assert 'This cell is not ready' not in text and text.count('data:image/png') == 2
+    assert 'This cell is not ready' not in text and text.count('data:image/png') == 3
 
 
 def test_a_scanner_that_sits_elsewhere_is_found_and_no_arc_burns_before_it_is_used(tmp_path):

@@ -169,7 +169,9 @@ def wheel(visit: Visit) -> Outcome:
     per_turn = round(math.pi * WHEEL_MM * COUNTS_PER_MM)
     found = wire.calibrate(wire.Wheel(WHEEL_MM, per_turn), lengths, counts, slowest=33.0)
     result = outcome.of_wire(found, COUNTS_PER_MM, UNDERFEED)
-    keep(visit, result, [pictures.wire_lengths(found)])
+    picture = pictures.wire_lengths(found)
+    keep(visit, result, [picture])
+    visit.draw('wire', picture)
     off = 100 * (found.per_mm / COUNTS_PER_MM - 1)
     shown = Check('counted over fed, off', off, -5.0, 5.0, '%')
     if result.refuses:
