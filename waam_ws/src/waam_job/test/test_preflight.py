@@ -162,5 +162,7 @@ def test_a_machine_that_stands_half_a_step_beyond_its_limits_is_planned_from_wit
     assert reached(homed, zero) == pytest.approx((-0.1, -0.08, 0.17), abs=1e-12)
     inside = replace(homed, position=(0.01, 0.02, 0.03))
     assert reached(inside, zero) == inside.position
+    outside = replace(homed, position=(-0.1, -0.081, 0.1))
+    assert reached(outside, zero) == outside.position, 'the planner names it'
     unknown = replace(homed, limit_max=(0.0, 0.0, 0.0))
     assert reached(unknown, zero) == homed.position

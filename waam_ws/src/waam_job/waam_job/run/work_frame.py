@@ -12,6 +12,9 @@ from ..model.goal import Checked, JobGoal, planner_fields
 from .settings import Settings
 
 
+HALF_A_STEP = 2e-5  # m, of the coarsest motor
+
+
 def minus(a: Point, b: Point) -> Point:
     """Component by component."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -33,11 +36,14 @@ def reach_known(machine: Machine) -> bool:
 
 def reached(machine: Machine, zero: Point) -> Point:
     """Where the torch is, m, work frame, for a plan that stays within the limits: a homed axis stands on a whole step,
-    which may be half a one beyond them."""
+    which may be half a one beyond them. Farther outside, it is where it is."""
     if not reach_known(machine):
         return machine.position
     ends = minus(machine.limit_min, zero), minus(machine.limit_max, zero)
-    x, y, z = (min(max(p, low), high) for p, low, high in zip(machine.position, *ends, strict=True))
+    inside = [min(max(p, low), high) for p, low, high in zip(machine.position, *ends, strict=True)]
+    x, y, z = (
+        i if abs(i - p) < HALF_A_STEP else p for i, p in zip(inside, machine.position, strict=True)
+    )
     return x, y, z
 
 
