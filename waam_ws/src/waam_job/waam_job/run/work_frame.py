@@ -11,7 +11,6 @@ from ..model.cell import Machine
 from ..model.goal import Checked, JobGoal, planner_fields
 from .settings import Settings
 
-
 HALF_A_STEP = 2e-5  # m, of the coarsest motor
 
 
