@@ -1,5 +1,5 @@
-"""Random worn parts as repair shops get them, to train on: sharp pockets and slots, chipped corners, rounded edges, pits,
-pads, walls, rims and bands, on level, sloping and curved faces. All in mm; none of them is a part that is reported."""
+"""Random worn parts as repair shops get them, to train on: sharp pockets and slots, chipped corners, rounded edges,
+pits, pads, walls, rims, bands, on level, sloping and curved faces. In mm; none of them is a part that is reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ BODIES = {'block': 0.4, 'pad': 0.2, 'rib': 0.14, 'rim': 0.14, 'band': 0.12}
 
 
 def random_repair(rng: np.random.Generator) -> Shape:
-    """A body of BODIES whose face is worn in one or two ways of FACES, by 1.5 to 6 mm."""
+    """A body of BODIES whose face is worn in one or two ways of FACES, by 1.7 to 8 mm."""
+    while True:
+        shape = _drawn(rng)
+        if shape.worn is not None and (shape.nominal - shape.worn)[1:, 1:][shape.kept].max() > 1.7:
+            return shape  # otherwise what is worn lies beside the body
+
+
+def _drawn(rng: np.random.Generator) -> Shape:
     body = str(rng.choice(list(BODIES), p=list(BODIES.values())))
     if body == 'rim':
         return _rim(rng)

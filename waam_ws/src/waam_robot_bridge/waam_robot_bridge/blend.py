@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 LEG = 60  # ms on both sides of a place by which its turn is measured
 SMOOTH = 12  # ms to both sides of the average, where the drives need no more (`limits.smoothing`)
@@ -167,7 +168,7 @@ def shape(turn: float, ratio: float) -> tuple[float, float]:
     low, high = -turn, HIGHEST
     for _ in range(50):
         middle = (low + high) / 2
-        mean = np.trapezoid(np.cos(_heading(turn, middle, GRID)), GRID) / 2
+        mean = trapezoid(np.cos(_heading(turn, middle, GRID)), GRID) / 2
         low, high = (middle, high) if mean > wanted else (low, middle)
     points = curve(turn, low, GRID) * 2 * np.cos(turn / 2)  # in legs
     out = np.array([np.cos(turn / 2), -np.sin(turn / 2)])
