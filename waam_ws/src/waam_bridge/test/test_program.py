@@ -207,3 +207,18 @@ def test_numbers_are_short_and_near(value, digits):
     text = number(value, digits)
     assert abs(float(text) - value) <= 0.5000001 * 10**-digits
     assert text != '-0' and 'e' not in text
+
+
+def test_an_axis_that_stands_on_the_step_beyond_its_limit_may_leave_it_and_no_other():
+    """The top of an axis is seldom a whole number of steps, and homing ends on one."""
+    steps = (327.0, 313.0, 321.922)
+    top = (0.2 - OFFSET[2]) + 1.5e-6
+    assert 0.5e-3 / steps[2] > 1.5e-6
+    limits = LIMITS.reached(steps)
+    moves = chain([(0.0, 0.0, top), (0.05, 0.0, top)])
+    prepare(Permit(0, Modal(job='j'), -1, (0.0, 0.0, top), OFFSET, limits), moves, False)
+    with pytest.raises(Refusal, match='z'):
+        prepare(Permit(0, Modal(job='j'), -1, (0.0, 0.0, top), OFFSET, LIMITS), moves, False)
+    high = chain([(0.0, 0.0, 0.18), (0.05, 0.0, 0.180003)])
+    with pytest.raises(Refusal, match='z'):
+        prepare(Permit(0, Modal(job='j'), -1, (0.0, 0.0, 0.18), OFFSET, limits), high, False)

@@ -23,7 +23,8 @@ def permit(machine: Machine, job: str, segments: list[Segment]) -> Permit:
     if machine.queued + len(new) > QUEUE_SIZE:
         text = f'{machine.queued} segments wait, {len(new)} more do not fit into {QUEUE_SIZE}'
         raise Refusal(program.QUEUE_FULL, text)
-    limits = machine.params.limits(machine.link.who.limits_mm)
+    who = machine.link.who
+    limits = machine.params.limits(who.limits_mm).reached(who.steps_per_mm)
     here = machine.position if _at_rest(machine) else None
     return Permit(machine.generation, modal, known, here, offset, limits, machine.pace)
 

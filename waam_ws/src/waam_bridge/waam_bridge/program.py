@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from waam_process.segment import Kind, Point, Segment, SegmentError
-from waam_process.units import to_mm, to_mm_min
+from waam_process.units import mm, to_mm, to_mm_min
 
 # error codes of waam_msgs/srv/Enqueue
 OK, NOT_CONNECTED, NOT_ARMED, BAD_SEGMENT, GAP, WRONG_STATE, QUEUE_FULL = 0, *range(300, 306)
@@ -15,6 +15,7 @@ OK, NOT_CONNECTED, NOT_ARMED, BAD_SEGMENT, GAP, WRONG_STATE, QUEUE_FULL = 0, *ra
 CHAIN_TOLERANCE = 1e-5  # m, between the end of a segment and the start of the next
 START_TOLERANCE = 5e-5  # m, between the machine's position and the start of the first one
 LONGEST_DWELL = 600.0  # s; a longer one is a mistake, for the job waits without a dwell
+STAYS_BEYOND = 0.525  # steps: the half one that the controller allows, and what a calibration of the steps changes
 SLACK = 1e-9  # m, m/s, V: rounding at a limit is not a violation
 
 
@@ -36,6 +37,17 @@ class Limits:
     arc_speed: tuple[float, float]
     wire_feed_speed: tuple[float, float]
     voltage: tuple[float, float]
+
+    def reached(self, steps_per_mm: Point) -> Limits:
+        """With what a motor may stand beyond a limit: homed, an axis is on its next whole step, and the controller lets
+        it be half a step beyond."""
+        x, y, z = (STAYS_BEYOND * mm(1.0 / steps) for steps in steps_per_mm)
+        low, high = self.low, self.high
+        return replace(
+            self,
+            low=(low[0] - x, low[1] - y, low[2] - z),
+            high=(high[0] + x, high[1] + y, high[2] + z),
+        )
 
 
 @dataclass(frozen=True)

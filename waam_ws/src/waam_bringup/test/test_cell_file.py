@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 
 import pytest
+import yaml
 
-from waam_bringup import cell_check, cli
+from waam_bringup import cell_check, cli, paths
 from waam_bringup.calibrate import check_axis
 from waam_bringup.cell_desk import laboratory, material, reach
 from waam_bringup.cell_graph import PARAMETERS, apply
@@ -291,3 +292,32 @@ def test_parsed_by_the_core_as_by_the_desk(cells, tmp_path):
     cells()
     path = tmp_path / 'cells/cell.yaml'
     assert cell_check.load(path).values == parse(path.read_text(), 'x').values
+
+
+MOUNT, PORT_LINE = '# mount_mm: [60, 0, 120]', '# port: /dev/serial/by-id/waam'
+
+
+@pytest.mark.parametrize(
+    ('given', 'own', 'taken'),
+    [
+        ('', {}, True),
+        (MOUNT, {}, False),
+        (PORT_LINE, {}, False),
+        ('', {'mount_xyz': [0.06, 0.0, 0.12]}, False),
+    ],
+)
+def test_the_scanner_sits_as_commissioned_unless_somebody_says_otherwise(
+    cells, tmp_path, given, own, taken
+):
+    """Nor does that of a simulated cell sit as that of a real one."""
+    cells(*([(given, given.removeprefix('# '))] if given else []))
+    paths.scanner_calibration().parent.mkdir(parents=True)
+    paths.scanner_calibration().write_text('read by scan_fusion alone')
+    files = ()
+    if own:
+        files = (tmp_path / 'own.yaml',)
+        files[0].write_text(yaml.safe_dump({'/**/scan_fusion': {'ros__parameters': own}}))
+    made = apply(Settings(run=tmp_path / 'run', params_files=files), True)
+    told = yaml.safe_load((tmp_path / 'run' / PARAMETERS).read_text()).get('/**/scan_fusion', {})
+    assert ('calibration' in told.get('ros__parameters', {})) is taken
+    assert any('scanner: as commissioned' in text for text in made.said) is taken

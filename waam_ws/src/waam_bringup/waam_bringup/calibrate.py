@@ -10,6 +10,9 @@ from . import paths
 from .cli_common import add_run, run_and_domain
 
 if TYPE_CHECKING:  # ROS and numpy are loaded only when a verb runs
+    import numpy as np
+
+    from waam_calibrate.commission_beads import ArcRecord
     from waam_calibrate.graph import Settings
     from waam_calibrate.lead import WireRecord
     from waam_calibrate.resonance import Samples
@@ -78,10 +81,32 @@ def told(args: argparse.Namespace) -> dict[str, float] | None:
 
 def wire(path: Path) -> WireRecord:
     """Wire speed in the telemetry of a job folder, a recording or one .mcap file. EvidenceError when there is none."""
+    from waam_calibrate.lead import WireRecord
+
+    rows = _telemetry(path)
+    return WireRecord(
+        rows['controller_us'] * 1e-6, rows['wire_feed_commanded'], rows['wire_feed_speed'],
+        rows['arc_established'].astype(bool),
+    )  # fmt: skip
+
+
+def arc(path: Path) -> ArcRecord:
+    """The arc of the same. EvidenceError."""
+    from waam_calibrate.commission_beads import ArcRecord
+
+    rows = _telemetry(path)
+    enabled, lit = (rows[n].astype(bool) for n in ('arc_enabled', 'arc_established'))
+    return ArcRecord(
+        rows['controller_us'] * 1e-6, enabled, lit, rows['arc_current'], rows['arc_voltage'], rows['wire_feed_speed'],
+        rows['wire_feed_commanded'],
+    )  # fmt: skip
+
+
+def _telemetry(path: Path) -> np.ndarray:
+    """Frames of the last start of the controller, each once, in order."""
     import numpy as np
 
     from waam_calibrate.evidence import EvidenceError
-    from waam_calibrate.lead import WireRecord
     from waam_node import cdr
     from waam_record.bag_reader import messages_of
     from waam_record.bag_writer import BagError
@@ -97,12 +122,8 @@ def wire(path: Path) -> WireRecord:
     if not frames:
         raise EvidenceError(f'{path}: no telemetry is recorded there')
     rows = rows[rows['boot_id'] == rows['boot_id'][-1]]
-    _, first = np.unique(rows['controller_us'], return_index=True)  # each frame once, in order
-    rows = rows[first]
-    return WireRecord(
-        rows['controller_us'] * 1e-6, rows['wire_feed_commanded'], rows['wire_feed_speed'],
-        rows['arc_established'].astype(bool),
-    )  # fmt: skip
+    _, first = np.unique(rows['controller_us'], return_index=True)
+    return rows[first]
 
 
 def check(args: argparse.Namespace, folder: Path | None = None) -> list[str]:

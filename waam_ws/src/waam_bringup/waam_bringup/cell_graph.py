@@ -16,9 +16,10 @@ from waam_process.operating import GANTRY, ROBOT
 
 from . import cell_check
 from .graph import GraphError, Settings, told_to
-from .paths import cell_name
+from .paths import cell_name, scanner_calibration
 
 PARAMETERS = 'cell_params.yaml'  # in the folder of the graph
+PLACES = {'calibration', 'mount_xyz', 'mount_rpy', 'profile_delay'}  # of scan_fusion
 HEAD = '# Made of {} by waam up; the next one writes it anew. Change the cell file.\n'
 
 
@@ -54,15 +55,33 @@ def apply(settings: Settings, simulated: bool) -> Applied:
         )
     said += _against(cell, settings)
     settings.run.mkdir(parents=True, exist_ok=True)
-    write_atomically(file, HEAD.format(cell.name) + parameter_text(cell, settings.simulated, path))
+    scanner = _scanner(settings, cell)
+    said += [f'scanner: as commissioned ({cell_check.shown(scanner)})'] if scanner else []
+    text = parameter_text(cell, settings.simulated, path, scanner)
+    write_atomically(file, HEAD.format(cell.name) + text)
     told = replace(settings, params_files=(file, *settings.params_files))
     part = ': axes, process, work' if settings.simulated else ''
     return Applied(told, (f'cell file: {cell.name}{part}', *said))
 
 
-def parameter_text(cell: CellFile, simulated: bool, path: Path | None = None) -> str:
-    """A ROS parameter file. path: of the cell file, which every job then looks at before it starts."""
+def _scanner(settings: Settings, cell: CellFile) -> Path | None:
+    """The calibration that `waam commission` has made, unless cell file or parameter files say where the scanner
+    sits. That of a simulated cell sits elsewhere than that of the real one."""
+    file, own = scanner_calibration(), told_to('scan_fusion', settings)
+    if settings.simulated and cell.values.get(PORT):
+        return None
+    said = any(p in cell.values for p in (cell_check.CALIBRATION, *cell_check.MOUNTING))
+    return file if file.is_file() and not said and not own.keys() & PLACES else None
+
+
+def parameter_text(
+    cell: CellFile, simulated: bool, path: Path | None = None, scanner: Path | None = None
+) -> str:
+    """A ROS parameter file. path: of the cell file, which every job then looks at before it starts; scanner: of its
+    calibration."""
     values = cell.parameters(simulated)
+    if scanner is not None:
+        values.setdefault('scan_fusion', {})['calibration'] = str(scanner)
     if path is not None:
         values.setdefault('job_sequencer', {})['cell_file'] = str(path)
     blocks = {f'/**/{node}': {'ros__parameters': told} for node, told in values.items()}

@@ -1,4 +1,4 @@
-"""`waam commission`: from the plugged-in board to a cell that may lay its first bead, step by step."""
+"""`waam commission`: from the plugged-in board to the first corrected part, step by step."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from .cli_common import late
 
 TEXT = """\
 Leads through the commissioning of a real cell, one step after the other: link, settings, emergency stop, limit
-switches, sensors, directions, homing, gas, steps per mm, squareness, wire wheel. Each step measures, compares with its
-limits, and is kept with its date; a step is done only when those that it stands on have passed. The first one that
-fails ends the run and says what to mend. Called again it goes on where it stopped.
+switches, sensors, directions, homing, gas, steps per mm, squareness, wire wheel, pyrometer, resonance, scanner, first
+arc, lead of the wire, beads, first corrected part. Each step measures, compares with its limits, and is kept with its
+date; a step is done only when those that it stands on have passed. The first one that fails ends the run and says what
+to mend. Called again it goes on where it stopped. After the scanner the graph is started once more.
 
 The graph must be up: waam cell new NAME, edit the file, waam up --cell NAME. Every motion and every current is
 announced, and begins only after a yes. The software does not replace the emergency stop: keep a hand at it."""
@@ -25,16 +26,17 @@ examples:
   waam commission gantry1 --page       writes the page to print and sign
   waam commission gantry1 --answers FILE
 
-An answer file is YAML, one line a question: `directions.x: +x`. What is to be done by hand is printed and waited for.
-Results lie in calibrations/ (or $WAAM_CALIBRATIONS) of the cell: commission/book.yaml and commission/page.html, and
-steps per mm, squareness and wire as `waam calibrate` keeps them.
+An answer file is YAML, one line a question: `directions.x: +x`, `wire.pieces: [341, 340.5, 341.5]`. What is to be done
+by hand is printed and waited for. Results lie in calibrations/ (or $WAAM_CALIBRATIONS) of the cell:
+commission/book.yaml, page.html and scanner.yaml, and steps per mm, squareness, wire, resonance and lead as `waam
+calibrate` keeps them.
 Exit status: 0 all steps passed (or the one asked for), 1 a step failed, 2 refused or not ready."""
 
 
 def register(commands: Verbs) -> None:
     """Adds the verb."""
     p = add_verb(
-        commands, 'commission', 'step by step from the plugged-in board to a cell that is ready', NAME,
+        commands, 'commission', 'step by step from the plugged-in board to the first corrected part', NAME,
         ('--list', False, 'show all steps with their state; nothing is asked or moved'),
         ('--step', str, 'only this step, once more', 'NAME'),
         ('--page', False, 'write the page with all steps, dates and a line to sign'),

@@ -12,7 +12,6 @@ from pathlib import Path
 import yaml
 
 from waam_calibrate.commission import (
-    BUILT,
     Book,
     CommissionError,
     Outcome,
@@ -21,6 +20,7 @@ from waam_calibrate.commission import (
     table,
     to_data,
     wanted,
+    without,
 )
 from waam_calibrate.commission_page import page
 from waam_node.files import write_atomically
@@ -32,10 +32,11 @@ from waam_shop.cells import check_name
 from . import cell_check, paths
 from .cli_common import run_and_domain
 from .commission_cell import CommissionedCell
-from .commission_steps import HAND_S, Operator, Question, Visit, run
-from .operate import require_up
+from .commission_steps import run
+from .commission_visit import FOLDER, HAND_S, Operator, Question, Visit
+from .operate import graph_watch, require_up
 
-FOLDER, BOOK, PAGE = 'commission', 'book.yaml', 'page.html'
+BOOK, PAGE = 'book.yaml', 'page.html'
 HEAD = '# Made by `waam commission`; the hash tells whether it was changed.\n'
 
 
@@ -73,7 +74,9 @@ class Shelf:
     def print_page(self) -> Path:
         """Writes the page; its path."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(self.folder / PAGE, page(self.book, _now()))
+        named = {n for e in self.book.entries.values() for n in e.outcome.pictures}
+        drawn = {n: f.read_bytes() for n in named if (f := self.folder / Path(n).name).is_file()}
+        write_atomically(self.folder / PAGE, page(self.book, _now(), drawn))
         return self.folder / PAGE
 
 
@@ -90,9 +93,9 @@ class Terminal:
     def ask(self, question: Question) -> str:
         """Asks again until it is an answer. CommissionError at the end of the input."""
         self.count += 1
-        words = f' [{"/".join(question.words)}]' if question.words else f' [{question.unit}]'
         while True:
-            answer = _line(f'{self.count:3}. {question.text}{words} ').strip().lower()
+            line = _line(f'{self.count:3}. {question.text} [{question.wanted}] ')
+            answer = question.cleaned(line)
             if not (wrong := question.wrong(answer)):
                 return answer
             print(f'     wanted is {wrong}')
@@ -129,9 +132,10 @@ class AnswerFile:
 
     def ask(self, question: Question) -> str:
         """CommissionError names the question that has no answer, or a wrong one."""
-        answer = self._told.get(question.id)
-        if answer is None:
+        told = self._told.get(question.id)
+        if told is None:
             raise CommissionError(f'{self._file}: no answer to {question.id}: {question.text}')
+        answer = question.cleaned(told)
         if wrong := question.wrong(answer):
             raise CommissionError(f'{self._file}: {question.id} is {answer!r}, wanted is {wrong}')
         print(f'     {question.text} {answer}')
@@ -143,10 +147,10 @@ class AnswerFile:
 
 
 def _word(value: object) -> str:
-    """YAML makes a truth of yes and no."""
+    """YAML makes a truth of yes and no, and a list of several numbers."""
     if isinstance(value, bool):
         return 'yes' if value else 'no'
-    return str(value).strip().lower()
+    return ' '.join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def commission(args: argparse.Namespace) -> int:
@@ -162,8 +166,10 @@ def commission(args: argparse.Namespace) -> int:
     step = wanted(args.step) if args.step else None
     operator: Operator = AnswerFile(args.answers) if args.answers else Terminal()
     run_folder, domain = run_and_domain(args)
-    require_up(run_folder)
-    with CommissionedCell(domain) as cell:
+    board = not require_up(run_folder).simulated
+    with CommissionedCell(domain, board, graph_watch(run_folder)) as cell:
+        if not board:
+            cell.meet_cell()
         return go_on(shelf, cell, operator, args.yes, step)
 
 
@@ -196,15 +202,20 @@ def go_on(
         if closed := shelf.book.closed(step.name):
             raise CommissionError(f'step {step.name} is not due: {"; ".join(closed)}')
         say(f'{step.name}: {step.title}')
-        outcome = run(Visit(step, cell, operator, shelf.file, shelf.kept, sure, patience))
+        visit = Visit(step, cell, operator, shelf.file, shelf.kept, sure, patience, shelf.book.laid)
+        outcome = run(visit)
         shelf.add(step, outcome, cell.machine.firmware_version if cell.machine else '')
-        say(f'     {"passed" if outcome.passed else "FAILED"}: {outcome.text}')
-        if not outcome.passed:
+        state = 'passed' if outcome.passed else 'FAILED' if outcome.there else 'not there'
+        say(f'     {state}: {outcome.text}')
+        if outcome.there and not outcome.passed:
             say(f'     to mend: {outcome.mend}, then waam commission {shelf.book.cell}')
             return 1
         if only:
             return 0
-    say(f'{len(BUILT)} steps passed; the others are done by hand (docs/real_cell.md)')
+    book = shelf.book
+    say(
+        f'{book.passed} steps passed{without(book)}; the others are done by hand (docs/real_cell.md)'
+    )
     return _checked(shelf, say)
 
 

@@ -3,11 +3,13 @@ cell is used."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Vector3
 from sensor_msgs.msg import Temperature
+from std_srvs.srv import SetBool
 
 from waam_msgs.msg import Telemetry
 from waam_msgs.srv import Command
@@ -33,8 +35,12 @@ STRIKE_WIRE, STRIKE_VOLTAGE = 0.05, 18.0  # SI, in the middle of what a bridge t
 class CommissionedCell(Shaking):
     """Use as a context manager. Lengths mm, machine axes."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(
+        self, domain: int, board: bool = False, trouble: Callable[[], str] = lambda: ''
+    ) -> None:
+        """board: the controller is one, and not simulated; trouble: why the graph can finish no job any more."""
         super().__init__(domain)
+        self.domain, self.board, self.trouble = domain, board, trouble
         self.frames: list[Telemetry] = []
         self.celsius: list[float] = []
         self._clients: dict[str, Any] = {}
@@ -49,6 +55,22 @@ class CommissionedCell(Shaking):
     def _on_telemetry(self, message: Telemetry) -> None:
         super()._on_telemetry(message)
         self.frames.append(message)
+
+    def offers(self, kind: Any, name: str, seconds: float) -> bool:
+        """Whether there is such a service, for which it is looked so long."""
+        looking = self.node.create_client(kind, name)
+        try:
+            return self.until(looking.service_is_ready, seconds)
+        finally:
+            self.node.destroy_client(looking)
+
+    def deaf(self) -> str:
+        """Why no accelerometer is listened to, '' = there is one."""
+        if not self.offers(SetBool, 'accelerometer/enable', STATE_S):
+            return 'the controller has no accelerometer'
+        on = self.ask(SetBool, 'accelerometer/enable', SetBool.Request(data=True))
+        self.ask(SetBool, 'accelerometer/enable', SetBool.Request(data=False))
+        return '' if on.success else f'the accelerometer: {on.message}'
 
     def ask(self, kind: Any, name: str, request: Any, repeat: bool = True) -> Any:
         """The answer of a service, whose client is kept. repeat: one that does no harm twice is sent again, as the

@@ -50,6 +50,11 @@ def calibrations_dir() -> Path:
     return _of_cell(Path(os.environ.get('WAAM_CALIBRATIONS', root() / 'calibrations')).resolve())
 
 
+def scanner_calibration() -> Path:
+    """Of the scanner, as `waam commission` keeps it for the cell; `waam up` takes it where the cell file names none."""
+    return calibrations_dir() / 'commission' / 'scanner.yaml'
+
+
 def cells_dir() -> Path:
     """Folder of the cell files of the user: WAAM_CELLS, or `cells` in the working tree."""
     return Path(os.environ.get('WAAM_CELLS', root() / 'cells')).resolve()

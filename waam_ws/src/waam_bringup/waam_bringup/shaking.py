@@ -17,7 +17,7 @@ from waam_calibrate.sweep import Sweep
 from waam_msgs.msg import AccelerationBatch, SegmentDone, Telemetry
 from waam_msgs.srv import Command, Enqueue
 from waam_node.conversions import segment_to_msg
-from waam_node.qos import BEAT, EVENTS, PROFILES, TELEMETRY
+from waam_node.qos import BEAT, EVENTS, TELEMETRY
 from waam_process.names import POWER_UP
 from waam_process.segment import Kind, Point, Segment
 
@@ -44,7 +44,8 @@ class Shaking(GraphClient):
         node = self.node
         node.create_subscription(Telemetry, 'telemetry', self._on_telemetry, TELEMETRY)
         node.create_subscription(SegmentDone, 'segment_done', self._on_done, EVENTS)
-        node.create_subscription(AccelerationBatch, 'acceleration', self.blocks.append, PROFILES)
+        # as deep as telemetry: a simulated minute is over in seconds, and none of them may be lost
+        node.create_subscription(AccelerationBatch, 'acceleration', self.blocks.append, TELEMETRY)
 
     def __enter__(self) -> Shaking:
         return self

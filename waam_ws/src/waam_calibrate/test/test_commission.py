@@ -16,6 +16,7 @@ from waam_calibrate.commission import (
     BY_NAME,
     FAILED,
     NOT_DONE,
+    NOT_THERE,
     OUT_OF_DATE,
     STEPS,
     Book,
@@ -73,7 +74,8 @@ def test_a_failed_step_is_due_again_and_keeps_its_gate_closed():
 def test_a_step_that_is_repeated_makes_old_what_stands_on_it_and_nothing_else():
     made = all_passed().with_run('estop', GOOD, DATE, '0.3.0')
     old = {s.name for s in BUILT if made.state(s.name) == OUT_OF_DATE}
-    assert old == {'limits', 'directions', 'homing', 'gas', 'steps', 'skew', 'wire'}
+    after = {'gas', 'steps', 'skew', 'wire', 'resonance', 'scanner', 'arc', 'lead', 'bead', 'part'}
+    assert old == {'limits', 'directions', 'homing'} | after
     assert made.why_old('limits') == 'estop was repeated'
     assert made.due() == BY_NAME['limits']
 
@@ -87,14 +89,37 @@ def test_another_machine_in_the_cell_file_makes_everything_old():
 def test_what_is_by_hand_never_counts():
     made = all_passed()
     by_hand = [s.name for s in STEPS if not s.built]
-    assert 'first-arc' in by_hand and made.passed == len(STEPS) - len(by_hand)
+    assert by_hand == ['scales'] and made.passed == len(STEPS) - len(by_hand)
     for name in by_hand:
         assert made.with_run(name, GOOD, DATE, '0.3.0').state(name) == BY_HAND
         with pytest.raises(CommissionError, match='docs/real_cell.md'):
             wanted(name)
-    assert f'{len(BUILT)} of {len(BUILT)} steps passed; {len(by_hand)} more' in table(made)
+    assert f'{len(BUILT)} of {len(BUILT)} steps passed; {len(by_hand)} more done' in table(made)
     with pytest.raises(CommissionError, match="no step 'etsop'; known are link"):
         wanted('etsop')
+
+
+def test_what_a_cell_has_not_is_no_failure_counts_for_nothing_and_ends_no_commissioning():
+    absent = Outcome(False, 'no accelerometer', (), there=False)
+    made = all_passed().with_run('resonance', absent, DATE, '0.3.0')
+    assert made.state('resonance') == NOT_THERE and made.due() is None
+    assert made.passed == len(BUILT) - 1
+    assert 'steps passed, not there: resonance' in table(made)
+    text = page(made, DATE)
+    assert 'This cell is not ready' not in text and 'no accelerometer' in text
+    read = from_data(copy.deepcopy(to_data(made)), 'gantry1', 'm1')
+    assert read.state('resonance') == NOT_THERE
+    again = read.with_run('steps', GOOD, DATE, '0.3.0')
+    assert again.state('resonance') == OUT_OF_DATE, 'it is looked for again'
+
+
+def test_pictures_and_jobs_of_a_step_are_on_its_page():
+    shown = Outcome(True, 'fine', pictures=('scanner.png', 'gone.png'), job='/jobs/1_lead')
+    made = book(('link', GOOD), ('scanner', shown))
+    assert made.laid == {'scanner': '/jobs/1_lead'}
+    assert from_data(copy.deepcopy(to_data(made)), 'gantry1', 'm1').entries == made.entries
+    text = page(made, DATE, {'scanner.png': b'png'})
+    assert text.count('data:image/png') == 1 and 'job: /jobs/1_lead' in text
 
 
 def test_the_file_holds_the_book():
@@ -189,6 +214,20 @@ def test_the_temperature():
     assert not checks.temperature(21.0, 22.5, 0.3).passed
     assert not checks.temperature(21.0, 30.0, 9.0).passed
     assert not checks.temperature(150.0, 150.0, 9.0).passed
+
+
+@pytest.mark.parametrize(
+    ('read', 'told', 'said'),
+    [
+        (203.0, 200.0, ''),
+        (190.0, 200.0, 'read less'),
+        (80.0, 80.0, 'contact thermometer'),
+        (math.nan, 200.0, 'read less'),
+    ],
+)
+def test_hot_metal_against_a_contact_thermometer(read, told, said):
+    found = checks.hot(read, told)
+    assert found.passed is (said == '') and said in found.text
 
 
 @pytest.mark.parametrize(

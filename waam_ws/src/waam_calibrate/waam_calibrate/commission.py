@@ -17,8 +17,8 @@ from .results import digest
 
 VERSION = 1
 HEAD = 'waam_commissioning'  # key of the version
-NOT_DONE, PASSED, FAILED, OUT_OF_DATE, BY_HAND = (
-    'not done', 'passed', 'failed', 'out of date', 'by hand',
+NOT_DONE, PASSED, FAILED, OUT_OF_DATE, BY_HAND, NOT_THERE = (
+    'not done', 'passed', 'failed', 'out of date', 'by hand', 'not there',
 )  # fmt: skip
 SEE = 'by hand: see docs/real_cell.md'
 
@@ -55,14 +55,15 @@ STEPS = (
     Step('steps', 'steps per mm of X, Y and Z by measured lengths', ('homing',), moves=True),
     Step('skew', 'squareness of X and Y by measured diagonals', ('steps',), moves=True),
     Step('wire', 'wire wheel: length fed against counted', ('estop',), moves=True),
-    Step('resonance', 'waam calibrate resonance', ('steps',), moves=True, built=False),
-    Step('scales', 'scales of the source', ('signals',), powered=True, built=False),
-    Step('first-arc', 'first arc on scrap', ('gas', 'skew', 'wire'), moves=True, powered=True, built=False),
-    Step('lead', 'waam calibrate lead', ('first-arc',), moves=True, powered=True, built=False),
-    Step('scanner', 'waam scan calibrate', ('skew',), moves=True, built=False),
-    Step('pyrometer', 'pyrometer against a contact thermometer', ('first-arc',), built=False),
-    Step('first-part', 'first bead, first wall, first corrected part', ('lead', 'scanner', 'pyrometer'), moves=True,
-         powered=True, built=False),
+    Step('pyrometer', 'the temperature of hot metal against a contact thermometer', ('temperature',)),
+    Step('resonance', 'resonance of X and Y, their input shapers', ('steps',), moves=True),
+    Step('scanner', 'mounting of the scanner and delay of its clock, by an artefact', ('skew',), moves=True),
+    Step('scales', 'scales of the source, 0-10 V against what it shows', ('signals',), powered=True, built=False),
+    Step('arc', 'first arc on scrap: current, voltage, wire, an arc that stays',
+         ('gas', 'skew', 'wire', 'temperature', 'scanner'), moves=True, powered=True),
+    Step('lead', 'delay and lag of the wire drive, by a bead with steps of speed', ('arc',), moves=True, powered=True),
+    Step('bead', 'efficiency, width and height of the beads against the table', ('arc', 'lead')),
+    Step('part', 'a small part restored in closed loop', ('bead', 'pyrometer'), moves=True, powered=True),
 )  # fmt: skip
 BY_NAME = {step.name: step for step in STEPS}
 BUILT = tuple(step for step in STEPS if step.built)
@@ -93,13 +94,17 @@ class Check:
 @dataclass(frozen=True)
 class Outcome:
     """What a run of a step found. text: in a line; mend: what to do about it, '' = nothing; answers: what the operator
-    said, by the id of the question."""
+    said, by the id of the question; there: false = this cell has not what the step is about, which stays unknown;
+    pictures: names of files beside the book; job: folder of the job that was run, '' = none."""
 
     passed: bool
     text: str
     checks: tuple[Check, ...] = ()
     mend: str = ''
     answers: Mapping[str, str] = field(default_factory=dict)
+    there: bool = True
+    pictures: tuple[str, ...] = ()
+    job: str = ''
 
 
 def judged(checks: Iterable[Check], text: str, mend: str) -> Outcome:
@@ -139,7 +144,9 @@ class Book:
             return BY_HAND
         if entry is None:
             return NOT_DONE
-        if not entry.outcome.passed:
+        if not entry.outcome.there and self.why_old(name) == '':
+            return NOT_THERE
+        if entry.outcome.there and not entry.outcome.passed:
             return FAILED
         return PASSED if self.why_old(name) == '' else OUT_OF_DATE
 
@@ -162,14 +169,19 @@ class Book:
         return [f'{gate} is {state}' for gate, state in states if state != PASSED]
 
     def due(self) -> Step | None:
-        """The first built step that has not passed; None when all have."""
-        return next((step for step in BUILT if self.state(step.name) != PASSED), None)
+        """The first built step that has not passed and is there; None when the commissioning is over."""
+        return next((s for s in BUILT if self.state(s.name) not in (PASSED, NOT_THERE)), None)
 
     def with_run(self, name: str, outcome: Outcome, date: str, firmware: str) -> Book:
         """The book after one more run."""
         order = 1 + max((e.order for e in self.entries.values()), default=0)
         entry = Entry(name, order, date, self.machine, firmware, outcome)
         return replace(self, entries={**self.entries, name: entry})
+
+    @property
+    def laid(self) -> dict[str, str]:
+        """Folders of jobs by the steps that ran them."""
+        return {name: e.outcome.job for name, e in self.entries.items() if e.outcome.job}
 
     @property
     def passed(self) -> int:
@@ -193,8 +205,14 @@ def table(book: Book) -> str:
     """All steps for the screen: state, date, what was found."""
     rows = [(s.name, book.state(s.name), *_last(book, s), s.title) for s in STEPS]
     by_hand = len(STEPS) - len(BUILT)
-    foot = f'{book.passed} of {len(BUILT)} steps passed; {by_hand} more are done by hand'
+    foot = f'{book.passed} of {len(BUILT)} steps passed{without(book)}; {by_hand} more done by hand'
     return f'{as_table(("step", "state", "date", "shows"), rows)}\n{foot}'
+
+
+def without(book: Book) -> str:
+    """What this cell has not, in words."""
+    names = [s.name for s in BUILT if book.state(s.name) == NOT_THERE]
+    return f', not there: {", ".join(names)}' if names else ''
 
 
 def _last(book: Book, step: Step) -> tuple[str]:
@@ -206,7 +224,12 @@ def to_data(book: Book) -> dict[str, Any]:
     """What the file says, its hash included."""
     entries = [asdict(e) for e in sorted(book.entries.values(), key=lambda e: e.order)]
     for entry in entries:
-        entry['outcome']['checks'] = [list(c.values()) for c in entry['outcome']['checks']]
+        outcome = entry['outcome']
+        outcome['checks'] = [
+            [c['name'], *(float(c[k]) for k in ('value', 'low', 'high')), c['unit']]
+            for c in outcome['checks']
+        ]
+        outcome['pictures'] = list(outcome['pictures'])
     data = {HEAD: VERSION, 'cell': book.cell, 'entries': entries}
     data['sha256'] = digest(data)
     return data
@@ -221,10 +244,10 @@ def from_data(data: Any, cell: str, machine: str) -> Book:
     if data.get('sha256') != digest(data):
         raise CommissionError('was changed by hand (its hash does not fit): commission again')
     try:
-        entries = {e['step']: _entry(e) for e in data['entries']}
+        entries = {e['step']: _entry(e) for e in data['entries'] if e['step'] in BY_NAME}
     except (KeyError, TypeError, ValueError) as e:
         raise CommissionError(f'field missing or wrong: {e}') from None
-    return Book(cell, machine, {n: e for n, e in entries.items() if n in BY_NAME})
+    return Book(cell, machine, entries)
 
 
 def _entry(data: dict[str, Any]) -> Entry:
@@ -233,6 +256,7 @@ def _entry(data: dict[str, Any]) -> Entry:
         Check(str(name), float(value), float(low), float(high), str(unit))
         for name, value, low, high, unit in told['checks']
     )
+    told['pictures'] = tuple(map(str, told.get('pictures', ())))
     order = data['order']
     if not isinstance(order, int) or not math.isfinite(order):
         raise ValueError(f'order {order!r} is no whole number')

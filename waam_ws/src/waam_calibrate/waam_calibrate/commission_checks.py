@@ -19,6 +19,8 @@ PLAUSIBLE_C = (-10.0, 60.0)  # of a part that nobody has heated
 AGREES_K = 5.0  # with a hand thermometer
 WARMER_K = 3.0  # by a warm hand, at least
 WARMEST_K = 60.0
+HEAT_C, HOT_C = 200.0, 120.0  # what a part is heated to, at least, where a pyrometer is compared
+HOT_K, HOT_SHARE = 5.0, 0.03  # with a contact thermometer, the larger one
 JOG_MM = 5.0
 WAYS = ('+x', '-x', '+y', '-y', '+z', '-z', 'none')
 GAS, NO_ARC = 207, 205  # faults of the controller
@@ -99,6 +101,20 @@ def temperature(read_c: float, told_c: float, rise_k: float) -> Outcome:
     if rise_k <= -WARMER_K:
         mend = 'its two wires are swapped: warmth reads as cold'
     return judged(checks, f'{read_c:.1f} degC, {rise_k:+.1f} K by a warm hand', mend)
+
+
+def hot(read_c: float, told_c: float) -> Outcome:
+    """read_c: mean while a contact thermometer says told_c."""
+    most = max(HOT_K, HOT_SHARE * told_c)
+    checks = (
+        Check('contact thermometer', told_c, HOT_C, 1200.0, 'degC'),
+        Check('read less the contact thermometer', read_c - told_c, -most, most, 'K'),
+    )
+    mend = (
+        'heat it more; emissivity at the instrument, its aim; input and scale of sensors.pyrometer'
+    )
+    text = f'reads {read_c:.0f} degC at {told_c:.0f}; what it reads of hotter metal is not known'
+    return judged(checks, text, mend)
 
 
 def direction(axis: str, told: str, way: str) -> Outcome:

@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
+from types import MappingProxyType
 
-from .commission import BUILT, BY_HAND, NOT_DONE, PASSED, SEE, STEPS, Book, Check, Step
-from .report import STYLE
+from .commission import (
+    BUILT,
+    BY_HAND,
+    NOT_DONE,
+    NOT_THERE,
+    PASSED,
+    SEE,
+    STEPS,
+    Book,
+    Check,
+    Step,
+    without,
+)
+from .report import STYLE, image
 
+NONE: Mapping[str, bytes] = MappingProxyType({})
 MARKS = """
 h2{font-size:1.1em;margin:1.5em 0 .2em}.good{color:#1b6e2c}.open{color:#666}
 .sign{margin-top:3em}.sign span{display:inline-block;min-width:18em;border-top:1px solid #222;margin-right:3em}"""
 
 
-def page(book: Book, made: str) -> str:
-    """HTML text. made: date of the page, ISO 8601."""
-    done = book.passed == len(BUILT)
-    said = f'{book.passed} of {len(BUILT)} steps passed'
+def page(book: Book, made: str, pictures: Mapping[str, bytes] = NONE) -> str:
+    """HTML text. made: date of the page, ISO 8601; pictures: PNG bytes by the names that the book has."""
+    done = book.due() is None
+    said = f'{book.passed} of {len(BUILT)} steps passed{escape(without(book))}'
     by_hand = len(STEPS) - len(BUILT)
     whole = '' if done else ' <b class="bad">This cell is not ready.</b>'
     return (
@@ -23,14 +38,15 @@ def page(book: Book, made: str) -> str:
         f'<style>{STYLE}{MARKS}</style><h1>Commissioning of the cell {escape(book.cell)}</h1>'
         f'<p>{escape(made)} &middot; machine {escape(book.machine[:12])} of the cell file</p>'
         f'<p><b>{said}</b>; {by_hand} more are done by hand and count for nothing here.{whole}</p>'
-        f'{"".join(_step(book, step) for step in STEPS)}'
+        f'{"".join(_step(book, step, pictures) for step in STEPS)}'
         '<p class="sign"><span>date, name</span><span>signature</span></p></html>'
     )
 
 
-def _step(book: Book, step: Step) -> str:
+def _step(book: Book, step: Step, pictures: Mapping[str, bytes]) -> str:
     state = book.state(step.name)
-    kind = 'good' if state == PASSED else 'open' if state in (NOT_DONE, BY_HAND) else 'bad'
+    open_states = (NOT_DONE, BY_HAND, NOT_THERE)
+    kind = 'good' if state == PASSED else 'open' if state in open_states else 'bad'
     head = f'<h2>{escape(step.name)}: <span class="{kind}">{escape(state)}</span></h2><p>{escape(step.title)}</p>'
     entry = book.entries.get(step.name)
     if not step.built:
@@ -42,8 +58,10 @@ def _step(book: Book, step: Step) -> str:
     lines = [f'{entry.date}, firmware {entry.firmware}', outcome.text]
     lines += [f'to mend: {outcome.mend}'] if outcome.mend and not outcome.passed else []
     lines += [f'out of date: {why}'] if why else []
+    lines += [f'job: {outcome.job}'] if outcome.job else []
     told = ''.join(f'<p class="note">{escape(line)}</p>' for line in lines)
-    return head + told + _checks(outcome.checks) + _answers(dict(outcome.answers))
+    drawn = ''.join(image(pictures[name]) for name in outcome.pictures if name in pictures)
+    return head + told + _checks(outcome.checks) + drawn + _answers(dict(outcome.answers))
 
 
 def _checks(checks: tuple[Check, ...]) -> str:

@@ -20,9 +20,7 @@ def page(result: Result, pictures: Sequence[bytes] = (), notes: Sequence[str] = 
     judged = (
         f'<p class="bad">A job will refuse: {escape(result.refuses)}</p>' if result.refuses else ''
     )
-    images = ''.join(
-        f'<img alt="" src="data:image/png;base64,{base64.b64encode(p).decode()}">' for p in pictures
-    )
+    images = ''.join(map(image, pictures))
     said = ''.join(f'<p class="note">{escape(note)}</p>' for note in notes)
     told = _rows('settings for the controller', [(n, f'{v:g}') for n, v in result.settings])
     return (
@@ -32,6 +30,11 @@ def page(result: Result, pictures: Sequence[bytes] = (), notes: Sequence[str] = 
         f'{_rows("found", [(n, f"{v:.6g}") for n, v in result.values.items()])}'
         f'{_rows("evidence", [(n, f"{v:.6g}") for n, v in result.evidence.items()])}{told}'
     )
+
+
+def image(png: bytes) -> str:
+    """HTML of a picture that is part of the page."""
+    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
 
 
 def _rows(title: str, rows: Sequence[tuple[str, str]]) -> str:

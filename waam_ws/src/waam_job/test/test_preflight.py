@@ -11,9 +11,11 @@ import trimesh
 from waam_job.model.geometry import part_grid
 from waam_job.model.goal import Code, JobGoal, check
 from waam_job.model.records import State
+from waam_job.model.snapshots import Machine
 from waam_job.run.control import Control
 from waam_job.run.runner import JobRunner
 from waam_job.run.settings import Settings
+from waam_job.run.work_frame import reached
 from waam_job.store.folder import JobFolder
 from waam_process.grid import HeightGrid
 
@@ -149,3 +151,18 @@ def test_faces_that_cross_are_told(make_build):
     )
     runner, _ = make_build(both)
     assert any('self-intersection' in r for r in runner.preparation.remarks())
+
+
+def test_a_machine_that_stands_half_a_step_beyond_its_limits_is_planned_from_within_them():
+    """Homed, an axis is on a whole step; the top of its travel seldom is."""
+    zero = (0.1, 0.08, 0.03)
+    homed = Machine(
+        position=(-0.1, -0.0800016, 0.1700019), limit_min=(0.0, 0.0, 0.0), limit_max=(0.4, 0.3, 0.2)
+    )
+    assert reached(homed, zero) == pytest.approx((-0.1, -0.08, 0.17), abs=1e-12)
+    inside = replace(homed, position=(0.01, 0.02, 0.03))
+    assert reached(inside, zero) == inside.position
+    outside = replace(homed, position=(-0.1, -0.081, 0.1))
+    assert reached(outside, zero) == outside.position, 'the planner names it'
+    unknown = replace(homed, limit_max=(0.0, 0.0, 0.0))
+    assert reached(unknown, zero) == homed.position

@@ -14,15 +14,22 @@ from waam_sim.pyrometer import Pyrometer, PyrometerParams, apparent
 
 def test_emissivity_error_reads_low_and_grows_with_temperature():
     p = PyrometerParams()
-    errors = [apparent(t, p) - t for t in (50.0, 200.0, 400.0)]
+    errors = [apparent(t, p, 22.0) - t for t in (50.0, 200.0, 400.0)]
     assert all(-40 < e < 0 for e in errors) and errors == sorted(errors, reverse=True)
     exact = PyrometerParams(emissivity=0.85)
-    assert apparent(250.0, exact) == pytest.approx(250.0)
+    assert apparent(250.0, exact, 22.0) == pytest.approx(250.0)
+
+
+@pytest.mark.parametrize('emissivity', [0.6, 0.82, 0.95])
+def test_a_part_as_cold_as_its_surroundings_reads_right_whatever_its_emissivity(emissivity):
+    p = PyrometerParams(emissivity=emissivity)
+    assert apparent(22.0, p, 22.0) == pytest.approx(22.0)
+    assert (apparent(150.0, p, 22.0) > 150.0) is (emissivity > 0.85)
 
 
 def test_reading_lags_and_scatters():
     p = PyrometerParams(emissivity=0.85)
-    meter = Pyrometer(p, random_state(1, 3))
+    meter = Pyrometer(p, random_state(1, 3), 22.0)
     for _ in range(20):
         meter.read(20.0, 0.1)
     first = meter.read(200.0, 0.1)
@@ -54,14 +61,14 @@ def test_a_pyrometer_with_a_spot_of_its_own_cannot_be_aimed(make_cell):
 
 
 def test_stuck_pyrometer_repeats_itself_and_recovers():
-    meter = Pyrometer(PyrometerParams(), random_state(1, 3))
+    meter = Pyrometer(PyrometerParams(), random_state(1, 3), 22.0)
     last = meter.read(100.0, 0.1)
     assert {meter.read(300.0, 0.1, stuck=True) for _ in range(20)} == {last}
     assert meter.read(300.0, 0.1) > last + 50
 
 
 def test_range_limits_the_reading():
-    meter = Pyrometer(PyrometerParams(range_high=500.0), random_state(1, 3))
+    meter = Pyrometer(PyrometerParams(range_high=500.0), random_state(1, 3), 22.0)
     assert meter.read(900.0, 0.1) == 500.0
 
 

@@ -271,6 +271,7 @@ class Cell(WaamNode):
             plant = self._plant
             seen = {
                 'torch_mm': [v * 1e3 for v in plant.torch],
+                'zero_mm': [v * 1e3 for v in plant.params.work_zero],
                 'wire_mm': plant.fed * 1e3,
                 'gas_s': plant.gassed,
                 'spot_c': plant.spot_temperature,

@@ -7,12 +7,15 @@ finds its switch here; a real one would run away from it.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from waam_node.params import param
+
+from .scanner import ScannerParams
 
 GOOD = 'good'
 OPEN, CLOSED = 'stuck_open', 'stuck_closed'
@@ -45,6 +48,28 @@ class DeliveredParams:
     current_offset: float = param(0.0, 'current that is read without any', 'A', -100.0, 100.0)
     voltage_scale: float = param(1.0, 'voltage that is read over the true one', '', -2.0, 2.0)
     thermocouple_swapped: bool = param(False, 'its wires are swapped: heat reads as cold')
+    scanner_x: float = param(0.0, 'by which the scanner sits beside its drawing', 'm', -0.02, 0.02)
+    scanner_y: float = param(0.0, 'the same along y', 'm', -0.02, 0.02)
+    scanner_z: float = param(0.0, 'the same along z', 'm', -0.02, 0.02)
+    scanner_roll: float = param(0.0, 'by which it is turned about x of the work', 'deg', -5.0, 5.0)
+    scanner_pitch: float = param(0.0, 'the same about y', 'deg', -5.0, 5.0)
+    scanner_yaw: float = param(0.0, 'the same about z', 'deg', -5.0, 5.0)
+    scanner_late: float = param(0.0, 'by which its stamps are late', 's', -0.5, 0.5)
+
+    def mounted(self, drawn: ScannerParams) -> ScannerParams:
+        """The scanner as it really sits; the same one where nothing is off."""
+        angles = np.radians([self.scanner_roll, self.scanner_pitch, self.scanner_yaw])
+        shift = self.scanner_x, self.scanner_y, self.scanner_z
+        if not angles.any() and not any(shift):
+            return drawn
+        turned = _turned(*angles.tolist())
+        names = [f'{n}_{a}' for n in ('lateral', 'up') for a in 'xyz']
+        axes = dict(zip(names, [*turned[:, 1].tolist(), *turned[:, 2].tolist()], strict=True))
+        offset = {
+            f'offset_{a}': getattr(drawn, f'offset_{a}') + v
+            for a, v in zip('xyz', shift, strict=True)
+        }
+        return dataclasses.replace(drawn, **axes, **offset)
 
     @property
     def turns(self) -> np.ndarray:
@@ -70,6 +95,15 @@ class DeliveredParams:
     def temperature(self, true_c: float, ambient_c: float) -> float:
         """What the thermometer is given, degrees Celsius."""
         return 2 * ambient_c - true_c if self.thermocouple_swapped else true_c
+
+
+def _turned(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """(3, 3), about x, then y, then z of the work, rad."""
+    (cr, cp, cy), (sr, sp, sy) = ([f(a) for a in (roll, pitch, yaw)] for f in (math.cos, math.sin))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    return about_z @ about_y @ about_x
 
 
 class Delivered:

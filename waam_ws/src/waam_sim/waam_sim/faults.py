@@ -21,6 +21,7 @@ class FaultKind:
     timed: bool
 
 
+DIAL = 'emissivity_dial'  # what a person sets at the instrument stays set, whatever ends
 KINDS = {
     'arc_loss': FaultKind('seconds without arc', 0.0, 3600.0, 0.3, True),
     'wire_slip': FaultKind('share of wire speed lost', 0.0, 1.0, 0.4, False),
@@ -43,7 +44,8 @@ KINDS = {
     'limit_pressed': FaultKind('seconds with a limit switch pressed', 0.0, 3600.0, math.inf, True),
     'test_current': FaultKind('A through the current sensor', -200.0, 200.0, 20.0, False),
     'test_voltage': FaultKind('V at the voltage sensor', 0.0, 60.0, 24.0, False),
-    'warm_hand': FaultKind('K at the spot of the pyrometer', -50.0, 50.0, 10.0, False),
+    DIAL: FaultKind('factor on the emissivity of the pyrometer', 0.1, 10.0, 1.0, False),
+    'warm_hand': FaultKind('K at the spot of the pyrometer', -50.0, 300.0, 10.0, False),
 }
 
 
@@ -56,7 +58,7 @@ class Faults:
     def inject(self, name: str, value: float, now: float) -> str:
         """Starts a fault ('none' ends all); value 0 takes its default. Returns a sentence; raises FaultError."""
         if name == 'none':
-            self.active.clear()
+            self.active = {n: v for n, v in self.active.items() if n == DIAL}
             return 'all faults ended'
         kind = KINDS.get(name)
         if kind is None:

@@ -38,7 +38,7 @@ class GantryParams:
     x_hz: float = param(41.0, 'first mode of X without damping', 'Hz', 3.0, 200.0)
     x_damping: float = param(0.05, 'damping ratio of it', '', 0.001, 0.5)
     x_second_hz: float = param(97.0, 'second mode of X', 'Hz', 3.0, 300.0)
-    y_hz: float = 33.0  # first mode of Y without damping [Hz]
+    y_hz: float = param(33.0, 'first mode of Y without damping', 'Hz', 3.0, 200.0)
     y_damping: float = 0.06  # damping ratio of it
     y_second_hz: float = 83.0  # second mode of Y [Hz]
     second_damping: float = 0.04  # damping ratio of the second modes

@@ -22,7 +22,7 @@ from .compiled import Settled, random_state
 from .delivered import CLOSED, TEST_CURRENT, TEST_VOLTAGE, Delivered, DeliveredParams
 from .distance import NOTHING_WRONG, Distance, DistanceParams, Wrong
 from .disturbance import lattice
-from .faults import Faults
+from .faults import DIAL, Faults
 from .gantry import Accelerations, Gantry, GantryParams
 from .heat import Heat, HeatParams
 from .metal import Metal
@@ -116,7 +116,7 @@ class Plant:
         self.arc = Arc.cold(p.arc, random_state(seed, 1))
         self.scanner = self._mounted()
         self.variation = Variation.of(p.variation, seed)
-        self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3))
+        self.pyrometer = Pyrometer(p.pyrometer, random_state(seed, 3), p.heat.ambient)
         self.distance = Distance(p.distance, random_state(seed, 4))
         self.gantry = Gantry(p.gantry, random_state(seed, 6), parts.volume(part))
         self._was_scanning = False
@@ -140,7 +140,7 @@ class Plant:
         p = self.params.scanner
         if self._on_robot:
             p = dataclasses.replace(p, shared_error=self.params.robot.scan_error)
-        return Scanner(p, self.seed)
+        return Scanner(self.params.delivered.mounted(p), self.seed)
 
     def aim(self, x: float, y: float) -> None:
         """Turns the pyrometer to a point (m, work frame); one with a spot of its own stays there."""
@@ -306,14 +306,14 @@ class Plant:
             rng=self.scanner.rng, place=self.scanner.place, shared=self.scanner.shared,
             dropout=self.faults.share('scanner_dropout'), out=z, intensity=intensity,
         )  # fmt: skip
-        return Profiles(times, z, intensity)
+        return Profiles(times + round(1e6 * self.params.delivered.scanner_late), z, intensity)
 
     def temperature(self, dt: float) -> float:
         """A pyrometer reading `dt` s after the last, degrees Celsius."""
         stuck = self.faults.on('pyrometer_stuck', self.now)
         ambient = self.params.heat.ambient
         true = self.params.delivered.temperature(self.spot_temperature, ambient)
-        return self.pyrometer.read(true, dt, stuck)
+        return self.pyrometer.read(true, dt, stuck, self.faults.share(DIAL) or 1.0)
 
 
 def warm_up(params: PlantParams | None = None) -> None:

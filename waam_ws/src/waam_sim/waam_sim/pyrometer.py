@@ -40,11 +40,14 @@ class PyrometerParams:
     range_high: float = 1000.0  # highest reading [degC]
 
 
-def apparent(true_c: float, p: PyrometerParams) -> float:
-    """What the instrument reads at a true temperature (degrees Celsius): Wien, 1/Tm = 1/T - lambda/c2 ln(e/e_set)."""
-    inverse = 1.0 / (true_c + KELVIN)
-    inverse -= p.wavelength / C2 * math.log(p.emissivity / p.emissivity_set)
-    return 1.0 / inverse - KELVIN
+def apparent(true_c: float, p: PyrometerParams, ambient_c: float, dial: float = 1.0) -> float:
+    """What the instrument reads at a true temperature (degrees Celsius). dial: factor on the emissivity that it was
+    delivered with, by a person at the instrument. The surface reflects the surroundings, which
+    the instrument takes off as it believes in its emissivity: L(Tm) = L(Ta) + e/e_set (L(T) - L(Ta)), with Wien's
+    radiance L(T) = exp(-c2 / (lambda T)). A part as cold as its surroundings reads right whatever its emissivity."""
+    around, from_part = (math.exp(-C2 / (p.wavelength * (c + KELVIN))) for c in (ambient_c, true_c))
+    seen = around + p.emissivity / (dial * p.emissivity_set) * (from_part - around)
+    return -C2 / (p.wavelength * math.log(max(seen, 1e-9))) - KELVIN
 
 
 @dataclass
@@ -53,13 +56,14 @@ class Pyrometer:
 
     params: PyrometerParams
     rng: np.ndarray
+    ambient: float  # of the surroundings, degrees Celsius
     lagged: float = math.nan
     reading: float = math.nan
 
-    def read(self, true_c: float, dt: float, stuck: bool = False) -> float:
+    def read(self, true_c: float, dt: float, stuck: bool = False, dial: float = 1.0) -> float:
         """The reading `dt` seconds after the one before."""
         p = self.params
-        seen = apparent(true_c, p)
+        seen = apparent(true_c, p, self.ambient, dial)
         if math.isnan(self.lagged):
             self.lagged = seen
         self.lagged += (seen - self.lagged) * (dt / (p.lag + dt))

@@ -1,9 +1,10 @@
 """A laser line scanner beside the torch: profiles of the true surface with the faults that real ones have.
 
-Frame `scanner`: x_s lateral (work +Y), z_s up, origin at torch_tcp + (offset_x, 0, offset_z): P_work = tcp + offset +
-(0, x_s, z_s). The light is a fan in the plane x = const; the camera looks at it from the side of larger x under the
-triangulation angle. Points are missing where the camera's or the fan's line of sight is cut off (shadow), outside the
-measuring range, often on steep slopes, and now and then anywhere. Lengths in m.
+Frame `scanner`: x_s lateral (work +Y), z_s up, origin at torch_tcp + offset: P_work = tcp + offset + x_s lateral +
+z_s up. As drawn the light is a fan in the plane x = const; one that was mounted badly (`delivered_scanner_*`) leans by
+some degrees, and its shadows are those of the upright one. The camera looks at the fan from the side of larger x under
+the triangulation angle. Points are missing where the camera's or the fan's line of sight is cut off (shadow), outside
+the measuring range, often on steep slopes, and now and then anywhere. Lengths in m.
 
 What a profile has of noise, outliers and lost points depends on the seed, on how many scans were made before and on
 where the torch is, not on when it came there. So two jobs with one seed see the same, in the laboratory and in the
@@ -26,6 +27,7 @@ from .variation import NODE, smooth
 GRAIN = 0.5e-3  # torch positions nearer than this are one place to the noise
 DRAWS = 8  # random numbers that are set aside for a point
 NODES = 64  # of the error that scans share, along x and y; it repeats beyond
+REFINED = 5  # times that the place of a point of a leaning fan is
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,14 @@ class ScannerParams:
     """Line scanner."""
 
     offset_x: float = 0.060  # of the scanner from the wire tip along x [m]
+    offset_y: float = 0.0  # along y [m]
     offset_z: float = 0.120  # of the scanner above the wire tip [m]
+    lateral_x: float = 0.0  # its axes in the work frame, unit vectors
+    lateral_y: float = 1.0
+    lateral_z: float = 0.0
+    up_x: float = 0.0
+    up_y: float = 0.0
+    up_z: float = 1.0
     fan: float = 0.050  # width of a profile [m]
     points: int = 640  # points of a profile
     rate: float = 100.0  # profiles per second [1/s]
@@ -148,6 +157,20 @@ def _fan_shadow(heights, lateral, source, hidden):
 
 
 @jit
+def _meet(z, origin_x, origin_y, cell, p, tcp_x, tcp_y, source, s, out):
+    """Where the ray at the lateral coordinate s (m) meets the surface: x, y, height, z_s into `out` (4,); source:
+    height of the scanner. A fan that leans is followed from the height under its last guess, REFINED times."""
+    leans = p.up_x != 0.0 or p.up_y != 0.0
+    z_s = -source if leans else 0.0
+    for _ in range(REFINED if leans else 1):
+        out[0] = tcp_x + p.offset_x + p.lateral_x * s + p.up_x * z_s
+        out[1] = tcp_y + p.offset_y + p.lateral_y * s + p.up_y * z_s
+        out[2] = bilinear(z, origin_x, origin_y, cell, out[0], out[1], 0.0)
+        z_s = (out[2] - source - p.lateral_z * s) / p.up_z
+    out[3] = z_s
+
+
+@jit
 def _read(p, z_s, steep, lost, point, sigma):
     """What a point at z_s (m) reads, NaN = lost; steep: slope; lost: share; point: (1,) random state of its own; sigma:
     of noise that differs from point to point, on a flat surface."""
@@ -209,23 +232,27 @@ def profile(
     """
     n = lateral.size
     noise, point = _noise_of(rng, place, tcp_x, tcp_y), np.empty(1, np.uint64)
-    x, source = tcp_x + p.offset_x, tcp_z + p.offset_z
+    source = tcp_z + p.offset_z
     off = 0.0
     if p.shared_error > 0.0:
         nodes = NODE / p.shared_length
         off = p.shared_error * shared_error(shared, tcp_x * nodes, tcp_y * nodes)
-    heights = np.empty(n)
+    met = np.empty((n, 4))
     hidden = np.zeros(n, np.bool_)
     for j in range(n):
-        heights[j] = bilinear(z, origin_x, origin_y, cell, x, tcp_y + lateral[j], 0.0)
+        _meet(
+            z=z, origin_x=origin_x, origin_y=origin_y, cell=cell, p=p, tcp_x=tcp_x, tcp_y=tcp_y, source=source,
+            s=lateral[j], out=met[j],
+        )  # fmt: skip
+    heights = met[:, 2].copy()
     _fan_shadow(heights, lateral, source, hidden)
     slope = 1.0 / math.tan(p.triangulation)
     smoothed = p.noise_length > 0.0
     slopes = np.empty(n if smoothed else 0)
     sigma = 0.0 if smoothed else p.noise
     for j in range(n):
-        y = tcp_y + lateral[j]
-        z_s = heights[j] - source + off
+        x, y = met[j, 0], met[j, 1]
+        z_s = met[j, 3] + off
         if heights[j] > METAL:
             z_s += rise(hot, kept, placed, placed_state, x, y)
         a, b = max(j - 1, 0), min(j + 1, n - 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from waam_process.units import to_mm
 
 from ..model.goal import Code, JobError
-from . import readiness
+from . import readiness, work_frame
 from .context import JobContext
 
 LOOK_S = 0.1
@@ -32,7 +32,7 @@ class Preparation:
         )
         self.motion.home(self.settings.home_timeout)
         self._set_zero()
-        self.motion.position = self.cell.machine().position
+        self.motion.position = work_frame.reached(self.cell.machine(), self.zero)
         self.cell.take_sums()
         self.cell.take_track()
         self.cell.take_warnings()

@@ -11,6 +11,8 @@ from ..model.cell import Machine
 from ..model.goal import Checked, JobGoal, planner_fields
 from .settings import Settings
 
+HALF_A_STEP = 2e-5  # m, of the coarsest motor
+
 
 def minus(a: Point, b: Point) -> Point:
     """Component by component."""
@@ -29,6 +31,19 @@ def reach_known(machine: Machine) -> bool:
     """Whether the controller has said how far the machine reaches."""
     pairs = zip(machine.limit_min, machine.limit_max, strict=True)
     return all(low < high for low, high in pairs)
+
+
+def reached(machine: Machine, zero: Point) -> Point:
+    """Where the torch is, m, work frame, for a plan that stays within the limits: a homed axis stands on a whole step,
+    which may be half a one beyond them. Farther outside, it is where it is."""
+    if not reach_known(machine):
+        return machine.position
+    ends = minus(machine.limit_min, zero), minus(machine.limit_max, zero)
+    inside = [min(max(p, low), high) for p, low, high in zip(machine.position, *ends, strict=True)]
+    x, y, z = (
+        i if abs(i - p) < HALF_A_STEP else p for i, p in zip(inside, machine.position, strict=True)
+    )
+    return x, y, z
 
 
 def plan_settings(checked: Checked, settings: Settings, machine: Machine) -> PlanSettings:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waam_sim.plant import PlantParams
-from waam_sim.pyrometer import C2, KELVIN
 
 from .compare import Comparison
 from .electric import Steady, fit_current, scatter, steady
@@ -144,15 +143,10 @@ def _measured(k: Unknown, value: float, error: float) -> Estimate:
 
 
 def _ambient(replays: list[Replay], base: PlantParams) -> float | None:
-    """Temperature of the shop: the lowest reading before a first arc, as the pyrometer errs; None without any."""
+    """Temperature of the shop: the lowest reading before a first arc, where a pyrometer reads right whatever the
+    emissivity; None without any."""
     shown = [r.before_job for r in replays if math.isfinite(r.before_job)]
-    if not shown:
-        return None
-    p = base.pyrometer
-    kelvin = 1.0 / (min(shown) + KELVIN) + p.wavelength / C2 * math.log(
-        p.emissivity / p.emissivity_set
-    )
-    found = 1.0 / kelvin - KELVIN
+    found = min(shown, default=math.nan)
     return found if -20.0 <= found <= 60.0 else None
 
 

@@ -177,4 +177,4 @@ def _beyond(spec: GridSpec, z: np.ndarray) -> tuple[GridSpec, np.ndarray]:
 
 def _read(true_c: np.ndarray, physics: PlantParams) -> np.ndarray:
     """Readings of the pyrometer (n,), degrees Celsius."""
-    return np.array([apparent(float(c), physics.pyrometer) for c in true_c])
+    return np.array([apparent(float(c), physics.pyrometer, physics.heat.ambient) for c in true_c])

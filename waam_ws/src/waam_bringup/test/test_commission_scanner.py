@@ -1,0 +1,59 @@
+"""Step `scanner` without a graph: the passes, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from waam_bringup import commission_scanner as step
+from waam_bringup.commission_visit import Visit
+from waam_calibrate.commission import BY_NAME, CommissionError
+from waam_process.cell_file import new, parse
+from waam_process.segment import Kind
+from waam_scan.transform import Mounting
+
+TIP = (0.2, 0.15, 0.04)  # m, on the artefact
+
+
+@pytest.mark.parametrize('z', [0.120, 0.100])
+def test_the_passes_bring_the_scanner_over_the_artefact_and_never_the_torch_down_on_it(z):
+    mounted = Mounting(np.array([0.060, 0.01, z]))
+    segments = step.path(TIP, mounted)
+    here = (TIP[0], TIP[1], TIP[2] + step.LIFT)
+    for number, s in enumerate(segments):
+        assert s.start == pytest.approx(here) and s.index == number and s.kind == Kind.IDLE
+        assert min(s.start[2], s.end[2]) >= TIP[2] + 0.010 - 1e-9
+        here = s.end
+    passes = [s for s in segments if s.speed in {p[-1] for p in step.PASSES}]
+    assert len(passes) == len(step.PASSES)
+    for s in passes:
+        middle = (np.array(s.start) + s.end) / 2 + mounted.offset
+        assert np.abs(middle[:2] - TIP[:2]).max() < 0.007
+        assert -0.165 < TIP[2] - middle[2] < -0.085 - 0.012, 'top and foot within its range'
+    ways = {tuple(np.sign(np.round(np.subtract(s.end, s.start)[:2], 6))) for s in passes}
+    assert ways == {(1, 0), (-1, 0), (0, 1), (0, -1)}, 'both ways along both axes'
+
+
+def visit(tmp_path, monkeypatch, line: str, has: str) -> Visit:
+    """Of the step `arc`, with a line of the cell file and what scan_fusion runs with."""
+    monkeypatch.setenv('WAAM_CALIBRATIONS', str(tmp_path))
+    monkeypatch.setattr(step, 'scanner_settings', lambda cell: {'calibration': has})
+    text = new('gantry1')
+    assert f'# {line}' in text or not line
+    file = parse(text.replace(f'# {line}', line) if line else text, 'gantry1.yaml')
+    return Visit(BY_NAME['arc'], None, None, file, tmp_path)  # type: ignore[arg-type]
+
+
+def test_no_arc_with_a_scanner_that_sits_where_nobody_found_it(tmp_path, monkeypatch):
+    monkeypatch.delenv('WAAM_CELL', raising=False)
+    kept = str(tmp_path / 'commission' / 'scanner.yaml')
+    step.in_force(visit(tmp_path, monkeypatch, '', kept))
+    with pytest.raises(CommissionError, match='runs with no calibration.*: waam stop'):
+        step.in_force(visit(tmp_path, monkeypatch, '', ''))
+    with pytest.raises(
+        CommissionError, match='take gantry1.yaml:.*mount_mm.* out of the cell file'
+    ):
+        step.in_force(visit(tmp_path, monkeypatch, 'mount_mm: [60, 0, 120]', ''))
+    named = visit(tmp_path, monkeypatch, 'calibration: /path/to/scanner.yaml', '')
+    with pytest.raises(CommissionError, match='take the line out first'):
+        step.scanner(named)
