@@ -179,6 +179,8 @@ def test_reconnecting_host_finds_the_same_boot(controller):
     first.close()
     controller.clients.clear()
     second = controller.connect()
-    second.raw(b'\n')  # as the bridge does: the half line ends here if the first host was not seen to go
+    second.raw(
+        b'\n'
+    )  # as the bridge does: the half line ends here if the first host was not seen to go
     assert second.identify() == answer
     second.home()
