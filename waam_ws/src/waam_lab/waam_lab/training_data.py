@@ -26,17 +26,13 @@ from .job import LabJob, build, restore
 from .laboratory import run
 from .parts import random_build, random_part, random_wall
 from .plants import training_plant
-from .repairs import random_repair
 from .watch import LayerWatch
 
 PRELOAD = ('waam_lab.laboratory',)
-KINDS = {'repair': 0.45, 'part': 0.3, 'wall': 0.12, 'build': 0.13}
-MAKERS = {
-    'repair': random_repair, 'part': random_part, 'wall': random_wall, 'build': random_build,
-}  # fmt: skip
+KINDS = {'part': 0.65, 'wall': 0.15, 'build': 0.2}
 # of restored parts; walls and builds are laid as the planner chooses
 STRATEGIES = {'solid': 0.55, 'contour': 0.13, 'zigzag': 0.14, 'spiral': 0.1, 'combined': 0.08}
-PRESET_SHARES = {'gentle': 0.5, 'recorded': 0.35, 'rough': 0.15}
+PRESET_SHARES = {'gentle': 0.25, 'recorded': 0.5, 'rough': 0.25}
 FINISH = 1e-3  # m, of the finishing layers of three jobs in four
 FINISHES = (0.8e-3, 1.6e-3)  # m, of the others
 Piece = tuple[Path, int, str, str]  # folder, seed, law and its weights
@@ -52,7 +48,7 @@ def random_job(folder: Path, seed: int, law: str = 'bead_solver', model: str = '
     go to the folder. model: file of weights, '' = the packaged ones."""
     rng = np.random.default_rng((seed, 1))
     kind = kind_of(seed)
-    shape = MAKERS[kind](rng)
+    shape = {'part': random_part, 'wall': random_wall, 'build': random_build}[kind](rng)
     nominal, worn = shape.meshes()
     part, as_found = folder / f'{seed}_nominal.stl', folder / f'{seed}_worn.stl'
     nominal.export(part)
