@@ -8,8 +8,9 @@ commission.parts_in_tolerance: healthy cells whose first part is good: by what t
 needed area at or above nominal, no more than 2 mm on 99 % of it (a small pad, 4 mm deep, finish machined). Baseline:
 the same job on the same cell without the wizard.
 commission.minutes: of the controller's clock, longest of them. commission.questions: asked of the operator, most.
-commission.*_error_*: worst of the healthy cells, found against true (baseline: what the cell has unless it is
-commissioned).
+commission.steps_error_pct, commission.skew_error_deg, commission.scanner_error_mm, commission.scanner_error_deg,
+commission.delay_error_ms, commission.lead_error_ms: worst of the healthy cells, found against true (baseline: what the
+cell has unless it is commissioned).
 
 WAAM_COMMISSION_CELLS=20,10: how many faulty and healthy ones (default 4,2). A healthy one takes some 6 minutes.
 """

@@ -18,6 +18,7 @@ from waam_msgs.msg import JobStatus
 from waam_node import job_folder
 from waam_process.cell_keys import KEYS, MATERIAL, PLATE
 from waam_process.grid import GridSpec
+from waam_process.loop_mode import LoopMode
 from waam_process.materials import get
 from waam_process.operating import DEFAULT_MATERIAL
 from waam_process.units import to_mm_min
@@ -142,7 +143,7 @@ def part(visit: Visit) -> Outcome:
     _ready_for_jobs(visit)
     mesh = str(Path(nominal).expanduser().resolve())
     done, result = _job(
-        visit, part=mesh, mode='restore', loop_mode='closed_loop', plan_settings=[FINISH]
+        visit, part=mesh, mode='restore', loop_mode=LoopMode.CLOSED_LOOP, plan_settings=[FINISH]
     )
     if not done.passed:
         return done
@@ -198,7 +199,7 @@ def _program(visit: Visit, text: str, aside: float) -> Outcome:
     goal = RunJob.Goal()
     goal.program_shift.y = aside
     done, _ = _job(
-        visit, program=str(file), dialect='waam', mode='build', loop_mode='monitor',
+        visit, program=str(file), dialect='waam', mode='build', loop_mode=LoopMode.MONITOR,
         program_shift=goal.program_shift,
     )  # fmt: skip
     return done
