@@ -23,6 +23,10 @@ from .grid import GridSpec, HeightGrid
 STEP = 4e-3  # m, a whole number of the cells of maps, of metal and of heat
 LONGEST_AXIS = 3.5  # m, of the controller: a chuck has no end, but its x has
 OVERLAP = 20e-3  # m of the turn that are shown again at both ends: more than the reach of pool, bead and filters
+# what people are told of a map
+UNROLLED = (
+    f'unrolled: x goes around it (one turn from {OVERLAP * 1e3:g} mm on), y is along its axis'
+)
 THINNEST = 30e-3  # m, diameter below which the two overlaps would meet
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waam_node.params import param
+from waam_robot.frames import pose_from_wpr
 
 from .scanner import ScannerParams
 
@@ -62,7 +63,7 @@ class DeliveredParams:
         shift = self.scanner_x, self.scanner_y, self.scanner_z
         if not angles.any() and not any(shift):
             return drawn
-        turned = _turned(*angles.tolist())
+        turned = pose_from_wpr(np.zeros(3), angles)[:3, :3]
         names = [f'{n}_{a}' for n in ('lateral', 'up') for a in 'xyz']
         axes = dict(zip(names, [*turned[:, 1].tolist(), *turned[:, 2].tolist()], strict=True))
         offset = {
@@ -95,15 +96,6 @@ class DeliveredParams:
     def temperature(self, true_c: float, ambient_c: float) -> float:
         """What the thermometer is given, degrees Celsius."""
         return 2 * ambient_c - true_c if self.thermocouple_swapped else true_c
-
-
-def _turned(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """(3, 3), about x, then y, then z of the work, rad."""
-    (cr, cp, cy), (sr, sp, sy) = ([f(a) for a in (roll, pitch, yaw)] for f in (math.cos, math.sin))
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    return about_z @ about_y @ about_x
 
 
 class Delivered:

@@ -11,6 +11,7 @@ import numpy as np
 from waam_node import job_folder
 from waam_process.loop_mode import LoopMode
 from waam_process.operating import GANTRY, ROBOT
+from waam_process.unrolled import UNROLLED
 
 from . import figures
 from .html import VERDICTS, cards, duration, escape, fmt, page, picture, table
@@ -113,7 +114,7 @@ def _maps(jobs: list[Job]) -> str:
         f'low. Thin lines: beyond ±{shown[0].tolerance_mm:g} mm. Dashed: judged area.'
     )
     if shown[0].shaft:
-        caption += ' The shaft is shown unrolled: one turn from x = 20 mm on, and some of it again beyond both ends.'
+        caption += f' The shaft is shown {UNROLLED}; some of it is shown again beyond both ends.'
     out = ['<h2>Final height error</h2>', picture(figures.side_by_side(shown, limit), caption)]
     pair = [
         picture(

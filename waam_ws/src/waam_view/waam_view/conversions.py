@@ -24,14 +24,12 @@ from waam_msgs.msg import (
 from waam_node import cdr
 from waam_node.conversions import grid_from_msg, map_from_msg, nanoseconds
 from waam_process.names import job_state
+from waam_process.unrolled import UNROLLED
 
 from . import blueprint as bp
 from .scene import CorrectionData, MapData, Sample, Scene
 from .surface import LayerPath
 
-UNROLLED = (
-    '\n\nA shaft, shown unrolled: x goes around it (one turn from 20 mm on), y is along its axis.'
-)
 ENDED = (JobStatus.DONE, JobStatus.FAILED, JobStatus.ABORTED)
 TYPES = {  # topics that are drawn, but telemetry
     'height_map': HeightMap, 'correction_map': CorrectionMap, 'layer_plan': LayerPlan, 'heat_factor': HeatFactor,
@@ -92,7 +90,7 @@ def _draw_job(scene: Scene, t: int, msg: JobStatus, errors: tuple[float, ...]) -
     """errors: mm, when they have changed."""
     scene.layer(t, msg.layer)
     scene.state(t, bp.JOB, job_state(msg.state))
-    scene.status(t, status_text(msg) + (UNROLLED if scene.shaft else ''))
+    scene.status(t, status_text(msg) + (f'\n\nA shaft, {UNROLLED}.' if scene.shaft else ''))
     if errors:
         scene.scalar(t, bp.RMS, *errors)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from waam_process.grid import GridSpec
-from waam_process.unrolled import Unrolled
+from waam_process.unrolled import UNROLLED, Unrolled
 
 from .canvas import BLUE, GREEN, INK, new_figure, png
 from .figures import nice_range
@@ -43,7 +43,7 @@ def shaft_section(job: Job) -> str:
         if first.z.shape == last.z.shape and np.isfinite(last.z - nominal).any():
             told = (
                 f'Nominal diameter {job.shaft.diameter * 1e3:g} mm. Angle 0 is up. All maps of this page show the '
-                'shaft unrolled: x goes around it (from 20 mm on, one turn), y is along its axis, z is the radius.'
+                f'shaft {UNROLLED}, z is the radius.'
             )
             png = round_picture(spec, last.z - nominal, first.z - nominal, job.shaft)
             out.append(picture(png, told))
