@@ -34,6 +34,16 @@ def test_the_passes_bring_the_scanner_over_the_artefact_and_never_the_torch_down
     assert ways == {(1, 0), (-1, 0), (0, 1), (0, -1)}, 'both ways along both axes'
 
 
+def test_a_scanner_is_judged_by_where_the_cell_file_has_it():
+    line = '  scanner: {mount_mm: [140, 5, 200], mount_deg: [0, 2, 90]}'
+    file = parse(f'waam_cell: 1\nsensors:\n{line}\n', 'gantry1.yaml')
+    start = step._start(file)
+    found = Mounting.from_rpy((0.143, 0.001, 0.2), tuple(np.radians([0, 3, 90])))
+    moved, angle = step.beside(found, start)
+    assert moved == pytest.approx(5e-3) and angle == pytest.approx(1.0)
+    assert step.beside(found, Mounting())[0] > 0.1, 'the drawing is another machine'
+
+
 def visit(tmp_path, monkeypatch, line: str, has: str) -> Visit:
     """Of the step `arc`, with a line of the cell file and what scan_fusion runs with."""
     monkeypatch.setenv('WAAM_CALIBRATIONS', str(tmp_path))

@@ -81,7 +81,7 @@ def scanner(visit: Visit) -> Outcome:
         _move(visit, path(tip, start))
     seen = listening.taken()
     save_pass(visit.folder / PASS, seen)
-    return _judged(visit, _solved(seen, touched, start), touched)
+    return _judged(visit, _solved(seen, touched, start), start, touched)
 
 
 def _artefact(visit: Visit) -> Artefact:
@@ -144,15 +144,20 @@ def _solved(seen: Pass, touched: Artefact, start: Mounting) -> Calibration:
         raise EvidenceError(str(e)) from None
 
 
-def _judged(visit: Visit, found: Calibration, artefact: Artefact) -> Outcome:
-    """Kept only when all of it is seen and within the limits."""
-    moved = found.mounting.offset - Mounting().offset
-    turn = found.mounting.rotation @ Mounting().rotation.T
+def beside(found: Mounting, start: Mounting) -> tuple[float, float]:
+    """How far the scanner sits from where it was looked for: m, deg."""
+    turn = found.rotation @ start.rotation.T
     angle = math.degrees(math.acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2))))
+    return float(np.linalg.norm(found.offset - start.offset)), angle
+
+
+def _judged(visit: Visit, found: Calibration, start: Mounting, artefact: Artefact) -> Outcome:
+    """Kept only when all of it is seen and within the limits. start: by the cell file, or the drawing."""
+    moved, angle = beside(found.mounting, start)
     sigma = found.sigma
     shown = (
-        Check('beside the drawing', 1e3 * float(np.linalg.norm(moved)), 0.0, 20.0, 'mm'),
-        Check('turned against the drawing', angle, 0.0, 5.0, 'deg'),
+        Check('beside where the cell file, or the drawing, has it', 1e3 * moved, 0.0, 20.0, 'mm'),
+        Check('turned against that', angle, 0.0, 5.0, 'deg'),
         Check('delay of its stamps', 1e3 * float(found.mounting.delay), -1e3 * DELAY, 1e3 * DELAY, 'ms'),
         Check('noise', 1e3 * found.noise, 0.0, 0.15, 'mm'),
         Check('uncertainty of the place', 1e3 * float(sigma[:3].max()), 0.0, 0.1, 'mm'),
