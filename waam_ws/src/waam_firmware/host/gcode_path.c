@@ -14,8 +14,7 @@ static const char help[] =
     "gcode_path: the path that the controller makes of a G-code file\n"
     "\n"
     "The same parser, planner and interpolator as on the board, without link and real time. A line that the controller\n"
-    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1. '%' alone says nothing; a line behind '/'\n"
-    "is executed. The words: README of waam_firmware.\n"
+    "would refuse ends the run: FILE:LINE:COLUMN: E<code> <text>, exit status 1. The words: README of waam_firmware.\n"
     "\n"
     "usage: gcode_path [options] FILE        ('-' reads standard input)\n"
     "\n"
@@ -27,7 +26,7 @@ static const char help[] =
     "  --help          this text\n"
     "\n"
     "Without --ticks a row is a move, in machine coordinates and mm/s, before the override:\n"
-    "  LINE rapid|line|arc|wire SPEED X Y Z X Y Z ...      (wire: the length of wire instead of points)\n"
+    "  LINE rapid|line|arc SPEED X Y Z X Y Z ...\n"
     "With --ticks a row is\n"
     "  T_MS X_STEPS Y_STEPS Z_STEPS SPEED_MM_S WIRE_MM_S LINE_EXECUTED STATE\n"
     "and the last one, on standard error, sums up: time, length of the path, pulses of each axis.\n"
@@ -141,11 +140,9 @@ static void start(void)
 
 static const char *kind_of(const waam_block_t *block)
 {
-    if (block->wire_only)
-        return "wire";
     if (block->path.arc)
         return "arc";
-    return block->after.motion == WAAM_MOTION_RAPID ? "rapid" : "line";
+    return run.harness.core.modal.motion == WAAM_MOTION_RAPID ? "rapid" : "line";
 }
 
 static void print_block(const waam_block_t *block)
@@ -153,9 +150,7 @@ static void print_block(const waam_block_t *block)
     const waam_path_t *path = &block->path;
     double intervals = path->arc ? fmax(16.0, fmin(ceil(path->length_mm / run.every_mm), 1e5)) : 1.0;
     printf("%u %s %.6f", (unsigned)block->line, kind_of(block), block->nominal_mm_s);
-    if (block->wire_only)
-        printf(" %.6f", block->wire_per_mm * path->length_mm);
-    for (double i = 0.0; i <= intervals && !block->wire_only; i++) {
+    for (double i = 0.0; i <= intervals; i++) {
         double at_mm[WAAM_AXES];
         waam_path_point(path, i / intervals, at_mm);
         printf(" %.6f %.6f %.6f", at_mm[0], at_mm[1], at_mm[2]);
@@ -186,8 +181,6 @@ static void tick(void)
     printf("%.0f %d %d %d %.6f %.6f %u %s\n", (double)core->now_us * 1e-3, core->motion.steps[0], core->motion.steps[1],
            core->motion.steps[2], core->motion.speed_mm_s, core->wire.speed_mm_s, (unsigned)core->executed,
            waam_state_name(core->state));
-    if (core->state == WAAM_HOLD && core->fault == WAAM_E_HOLD)
-        waam_core_resume(core); /* M0: nobody presses the button here */
 }
 
 static void drain(size_t most)
@@ -207,7 +200,7 @@ static bool good_line(const char *text, size_t length, uint32_t number_of_line)
                     ? waam_gcode_parse(text, length, 0, &run.harness.core.modal, &limits, &command, &error)
                     : waam_fail(&error, WAAM_E_TOO_LONG, WAAM_LINE_MAX + 1, "the line is longer than 160 bytes");
     if (good && run.ticks)
-        drain(waam_core_waits(&run.harness.core, &command) ? 0 : WAAM_BLOCKS - 1);
+        drain(WAAM_BLOCKS - 1);
     if (good && waam_core_plan(&run.harness.core, &command, number_of_line, &error))
         return true;
     fflush(stdout);

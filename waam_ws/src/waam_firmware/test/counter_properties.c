@@ -101,19 +101,6 @@ static void test_telemetry_counts_modulo_2_to_the_32(void)
     CHECK(strncmp(LAST, "T 0,", 4) == 0);
 }
 
-/* Wire fed coupled to the path is a double: 1000 km of it still resolve a nanometre. */
-static void test_wire_lengths(void)
-{
-    start(1000000);
-    core.motion.wire_mm = core.wire.fed_mm = 1e9;
-    core.homed = core.plan_homed = true;
-    say("N1 M83");
-    say("N2 W0");
-    say("N3 G1 E10 F600");
-    run(3000);
-    CHECK(core.state == WAAM_IDLE && core.wire.fed_mm > 1e9 + 9.9 && core.wire.fed_mm < 1e9 + 10.1 && !alarms);
-}
-
 /* Line numbers end; they do not begin again by themselves. */
 static void test_the_last_line_number(void)
 {
@@ -154,7 +141,6 @@ int main(void)
     test_positions_do_not_leave_32_bits_by_homing();
     test_time();
     test_telemetry_counts_modulo_2_to_the_32();
-    test_wire_lengths();
     test_the_last_line_number();
     test_remembered_tokens();
     puts("counters: all properties hold");

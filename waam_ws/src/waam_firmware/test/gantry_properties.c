@@ -76,7 +76,7 @@ static bool set(const waam_setting_t *setting, double value)
 /* Nearly all within the range, some beyond; short gantries more often than long ones, for they are quick. */
 static void configure(void)
 {
-    for (size_t k = 0; k < waam_gantry_settings_count; k++) {
+    for (size_t k = 0; waam_gantry_settings[k].name; k++) {
         const waam_setting_t *s = &waam_gantry_settings[k];
         double low = (double)s->lowest, high = (double)s->highest, value = low * pow(high / low, uniform(0.0, 1.0));
         if (s->type == WAAM_SETTING_SIGN)

@@ -31,7 +31,7 @@ void shaper_loop_start(void) { config = waam_shaper_default(); }
 
 const char *shaper_loop_set(const char *name, double value)
 {
-    const waam_setting_t *setting = waam_shaper_setting(name, strlen(name));
+    const waam_setting_t *setting = waam_setting_find(waam_shaper_settings, name, strlen(name));
     return !setting ? "unknown" : waam_setting_put(setting, &config, value) ? NULL : "out of range";
 }
 

@@ -188,15 +188,17 @@ static void random_line(double scale_mm, bool *lit)
     double x = core->plan_mm[0] + uniform(-scale_mm, scale_mm), y = core->plan_mm[1] + uniform(-scale_mm, scale_mm);
     double z = core->plan_mm[2] + (chance(0.2) ? uniform(-scale_mm, scale_mm) : 0.0);
     x = fmin(360.0, fmax(0.0, x)), y = fmin(260.0, fmax(0.0, y)), z = fmin(200.0, fmax(0.0, z));
-    double dice = uniform(0.0, 1.0), chord_mm = hypot(x - core->plan_mm[0], y - core->plan_mm[1]);
+    double dice = uniform(0.0, 1.0), dx = x - core->plan_mm[0], dy = y - core->plan_mm[1];
     if (dice < 0.02)
         snprintf(text, sizeof text, "G4 P%.3f", uniform(0.0, 0.1));
     else if (dice < 0.04)
         snprintf(text, sizeof text, *lit ? "M5" : "M3 W6000 S22"), *lit = !*lit;
     else if (dice < 0.06)
-        snprintf(text, sizeof text, "M8");
-    else if (dice < 0.15 && chord_mm > 0.01 && core->plan_mm[0] > 40.0 && core->plan_mm[1] > 40.0)
-        snprintf(text, sizeof text, "G2 X%.4f Y%.4f R%.3f F%.1f", x, y, 0.8 * chord_mm + 0.02, uniform(100.0, 6000.0));
+        snprintf(text, sizeof text, "M7");
+    else if (dice < 0.15 && hypot(dx, dy) > 0.01 && core->plan_mm[0] > 40.0 && core->plan_mm[1] > 40.0)
+        /* its centre is on the perpendicular of the chord, 0.6 of it away */
+        snprintf(text, sizeof text, "G2 X%.4f Y%.4f I%.4f J%.4f F%.1f", x, y, 0.5 * dx + 0.6 * dy, 0.5 * dy - 0.6 * dx,
+                 uniform(100.0, 6000.0));
     else
         snprintf(text, sizeof text, "G1 X%.4f Y%.4f Z%.4f F%.1f", x, y, z, uniform(100.0, 6000.0));
     send(text);

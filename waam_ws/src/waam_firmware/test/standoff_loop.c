@@ -50,7 +50,7 @@ void standoff_loop_start(void)
 
 const char *standoff_loop_set(const char *name, double value)
 {
-    const waam_setting_t *setting = waam_standoff_setting(name, strlen(name));
+    const waam_setting_t *setting = waam_setting_find(waam_standoff_settings, name, strlen(name));
     return !setting ? "unknown" : waam_setting_put(setting, &config, value) ? NULL : "out of range";
 }
 

@@ -47,11 +47,11 @@ def test_arc_end_does_not_hold_up_what_follows(client, controller):
 
 
 def test_gas_words_beside_other_words(client, controller):
-    """M8 and M9 act when the line's block starts and do not stop the path; beside M5 the gas goes after the arc."""
+    """M7 and M9 act when the line's block starts and do not stop the path; beside M5 the gas goes after the arc."""
     client.ready_for_arc()
     client.run('G0 X50 Y50 Z100')
     before = client.next_frame()['t_us']
-    client.run('G1 X60 F600', 'X70 M8', 'X80 M9', 'G4 P0.5 M7', 'M9')
+    client.run('G1 X60 F600', 'X70 M7', 'X80 M9', 'G4 P0.5 M7', 'M9')
     started = controller.time_of('state RUN', before)
     on, off = (controller.time_of(f'gas {what}', before) for what in ('on', 'off'))
     again = controller.time_of('gas on', off)
@@ -60,22 +60,22 @@ def test_gas_words_beside_other_words(client, controller):
     assert again - off == pytest.approx(1_010_000, abs=4_000)
     assert controller.time_of('gas off', again) - again == pytest.approx(500_000, abs=4_000)
     before = client.next_frame()['t_us']
-    client.run('M8', 'M3 W5000 S22', 'G1 X85 F600', 'M5 M9')
+    client.run('M7', 'M3 W5000 S22', 'G1 X85 F600', 'M5 M9')
     client.wait(lambda: not client.frame['flags'] & 4)
     arc_off = controller.time_of('arc off', before)
     assert controller.time_of('gas off', before) - arc_off == pytest.approx(1_000_000, abs=4_000)
 
 
 def test_gas_of_a_line_without_a_block_is_not_lost(client, controller):
-    """A frame, a move below a step, an arc end without arc: the gas word of such a line acts too."""
+    """A mode, a move below a step, an arc end without arc: the gas word of such a line acts too."""
     client.ready_for_arc()
     client.run('G0 X50 Y50 Z100')
     for line in (
-        'G92 X0 M8',
-        'G92.1 M9',
-        'G91 G0 X0.0001 M8',
+        'G21 M7',
+        'G54 M9',
+        'G91 G0 X0.0001 M7',
         'M5 M9',
-        'G10 L2 P2 X1 M7',
+        'G17 M7',
         'M30 M9',
     ):
         before = client.next_frame()['t_us']

@@ -97,7 +97,7 @@ def test_an_idle_move_takes_its_time_and_the_span_of_the_shaper(kind):
     kind=st.sampled_from(SHAPERS),
     hz=st.sampled_from((25.0, 40.0, 90.0)),
     moves=st.lists(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), min_size=1, max_size=12),
-    stops=st.sampled_from(('', 'G4 P0.005', 'M8')),
+    stops=st.sampled_from(('', 'G4 P0.005', 'M7')),
 )
 def test_no_idle_move_is_dropped_however_short(kind, hz, moves, stops):
     """Moves of some steps, in a row or with a stop after each: every stop is at its place, every line is told."""

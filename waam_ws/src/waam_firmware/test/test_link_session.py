@@ -70,7 +70,7 @@ def test_a_host_that_uses_crc32_is_held_to_it(client):
 def test_identification_that_keeps_freezes_the_numbers(client):
     client.home()
     client.ask('$P')
-    client.send(*(f'G1 X{i % 2 + 1} F3000 (text to fill the ring of the link)' for i in range(80)))
+    client.send(*(f'G1 X{i % 2 + 1} F3000 ; text to fill the ring of the link' for i in range(80)))
     client.wait(lambda: client.accepted == 65)  # 15 more wait for a block
     answer = client.ask('$I keep')
     assert ' acc=65 ' in answer and ' exe=1 ' in answer

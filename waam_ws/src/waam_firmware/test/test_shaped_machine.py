@@ -238,12 +238,3 @@ def test_the_wire_changes_where_the_shaped_motion_is():
     assert errors[0][1] < 5.0
 
 
-def test_wire_coupled_to_the_path_follows_the_shaped_motion():
-    """Steps of speed with E: metal per mm of path."""
-    lines = [f'G1 X{10 + 8 * i} E20 F{f}' for i, f in enumerate((600, 1200, 600, 1200), 1)]
-    errors = []
-    for settings in ({}, SHAPED):
-        x, wire = bead(*lines, head='W0 M83|M3 S22', **settings)
-        errors.append(misplaced(x, wire, np.gradient(x) * 2.5))
-    print(errors)
-    assert errors[1][0] <= errors[0][0] + 0.2 and errors[1][1] <= errors[0][1] + 0.5

@@ -67,7 +67,7 @@ static double rest(waam_wire_t *wire)
 static void jogs(void)
 {
     for (int i = 0; i < RUNS; i++) {
-        waam_wire_t wire = {.override = 1.0, .motor_mm_s = chance(-100.0, 100.0)};
+        waam_wire_t wire = {.motor_mm_s = chance(-100.0, 100.0)};
         double length = pow(10.0, chance(-2.0, 2.0)) * (i % 2 ? -1.0 : 1.0), speed = pow(10.0, chance(-0.5, 2.4));
         if (fabs(length) / speed > 3.0)
             continue;
@@ -81,7 +81,7 @@ static void jogs(void)
 static void stopped_jogs(void)
 {
     for (int i = 0; i < RUNS; i++) {
-        waam_wire_t wire = {.override = 1.0};
+        waam_wire_t wire = {0};
         run_jog(&wire, i % 2 ? -100.0 : 100.0, chance(1.0, 300.0), 1 + (int)chance(0.0, 400.0));
         waam_wire_stop_jog(&wire);
         rest(&wire);
@@ -92,7 +92,7 @@ static void stopped_jogs(void)
 static void orders(void)
 {
     for (int i = 0; i < RUNS; i++) {
-        waam_wire_t wire = {.override = 1.0};
+        waam_wire_t wire = {0};
         run_jog(&wire, i % 2 ? -50.0 : 50.0, chance(1.0, 300.0), 1 + (int)chance(0.0, 300.0));
         waam_wire_stop_jog(&wire);
         for (int order = 0; order < 3; order++) {

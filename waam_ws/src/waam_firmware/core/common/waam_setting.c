@@ -11,11 +11,11 @@ static bool is(const char *bytes, size_t count, const char *name)
     return k == count && !name[k];
 }
 
-const waam_setting_t *waam_setting_find(const waam_setting_t *list, size_t count, const char *name, size_t length)
+const waam_setting_t *waam_setting_find(const waam_setting_t *list, const char *name, size_t length)
 {
-    for (size_t i = 0; i < count; i++)
-        if (is(name, length, list[i].name))
-            return &list[i];
+    for (; list->name; list++)
+        if (is(name, length, list->name))
+            return list;
     return NULL;
 }
 

@@ -18,11 +18,11 @@ typedef struct {
     const char *name;
     float lowest, highest;
     waam_setting_type_t type;
-    size_t at; /* in the structure that the table is for */
+    size_t at; /* in the structure that the list is for */
 } waam_setting_t;
 
-/* NULL = none of the `count` settings has this name. */
-const waam_setting_t *waam_setting_find(const waam_setting_t *list, size_t count, const char *name, size_t length);
+/* NULL = none of the list, which ends with one without a name, has this name. */
+const waam_setting_t *waam_setting_find(const waam_setting_t *list, const char *name, size_t length);
 /* False, and nothing is changed: out of range, or not whole where it must be. */
 bool waam_setting_put(const waam_setting_t *setting, void *into, double value);
 double waam_setting_get(const waam_setting_t *setting, const void *from);

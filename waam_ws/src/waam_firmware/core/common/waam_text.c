@@ -1,7 +1,5 @@
 #include "waam_text.h"
 
-#include "waam_decimal.h"
-
 void waam_text_clear(waam_text_t *t) { t->length = 0; }
 
 void waam_text_char(waam_text_t *t, char c)
@@ -101,14 +99,6 @@ uint32_t waam_crc32(const char *bytes, size_t count)
     return ~crc;
 }
 
-static uint8_t parity(const char *bytes, size_t count)
-{
-    uint8_t x = 0;
-    for (size_t i = 0; i < count; i++)
-        x ^= (uint8_t)bytes[i];
-    return x;
-}
-
 unsigned waam_check_line(const char *line, size_t count, size_t *content)
 {
     unsigned digits = 0;
@@ -121,9 +111,6 @@ unsigned waam_check_line(const char *line, size_t count, size_t *content)
     for (size_t i = *content + 1; i < count; i++)
         given = given * 10 + (uint64_t)(line[i] - '0');
     switch (digits) {
-    case 1:
-    case 2:
-    case 3: return given == parity(line, *content) ? digits : 0;
     case 5: return given == waam_crc16(line, *content) ? digits : 0;
     case 10: return given == waam_crc32(line, *content) ? digits : 0;
     default: return 0;
@@ -150,26 +137,25 @@ static bool is_digit(const waam_cursor_t *c, size_t at)
 bool waam_read_number(waam_cursor_t *c, double *value)
 {
     waam_skip_spaces(c);
-    size_t at = c->at;
+    size_t at = c->at, digits = 0;
     bool negative = at < c->length && c->text[at] == '-';
     if (at < c->length && (c->text[at] == '-' || c->text[at] == '+'))
         at++;
-    waam_decimal_t decimal = {0};
-    size_t digits = 0;
+    uint64_t size = 0, scale = 1; /* size < 1e18: nine places before the point and nine after it */
     for (; is_digit(c, at); at++, digits++)
-        if (!waam_decimal_whole(&decimal, (unsigned)(c->text[at] - '0')))
+        if ((size = size * 10 + (uint64_t)(c->text[at] - '0')) >= 1000000000)
             return false;
     if (at < c->length && c->text[at] == '.') {
-        size_t point = at++;
-        for (; is_digit(c, at); at++, digits++)
-            waam_decimal_fraction(&decimal, at - point - 1, (unsigned)(c->text[at] - '0'));
+        for (at++; is_digit(c, at); at++, digits++) {
+            if (scale == 1000000000)
+                continue;
+            size = size * 10 + (uint64_t)(c->text[at] - '0');
+            scale *= 10;
+        }
     }
     if (digits == 0)
         return false;
-    double size = waam_decimal_value(&decimal);
-    if (size >= 1e9)
-        return false;
-    *value = negative ? -size : size;
+    *value = (negative ? -1.0 : 1.0) * (double)size / (double)scale;
     c->at = at;
     return true;
 }

@@ -105,8 +105,6 @@ typedef struct {
     double wire_max_mm_s, wire_accel_mm_s2;
     double wire_delay_s, wire_lag_s;    /* of the feeder: transport delay, time constant of the motor */
     double wire_response_s;             /* time constant that the lead makes of the lag; not below = no lead */
-    double wire_jump_mm_s;              /* a wire coupled to the path may change its speed at once by this */
-    double wire_strike_mm_s;            /* for a strike with the wire coupled to a path that is not known yet */
     double voltage_max_v;
     waam_arc_config_t arc;
     waam_regulator_config_t regulator;

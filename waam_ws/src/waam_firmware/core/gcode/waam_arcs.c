@@ -4,7 +4,6 @@
 
 /* Tolerances in mm. A program is written with so many digits; what is beyond that is a mistake. */
 #define RADIUS_LEAST 1e-3
-#define REACH 1e-3        /* R may be too short by this much */
 #define CLOSED 5e-5       /* start and end closer than this: a full circle */
 #define MISMATCH 0.005    /* start and end radius may always differ by this ... */
 #define MISMATCH_SHARE 1e-3 /* ... and by this share of the radius, ... */
@@ -15,29 +14,6 @@ static void add_mm(waam_text_t *text, const char *before, double value)
     waam_text_add(text, before);
     waam_text_fixed(text, value, 4);
     waam_text_add(text, " mm");
-}
-
-/* Centre of the arc with radius R: R > 0 for at most half a turn, R < 0 for more. */
-static bool centre_of_radius(waam_path_t *path, const double from[2], const double to[2], bool clockwise,
-                             const waam_command_t *command, waam_error_t *error)
-{
-    double dx = to[0] - from[0], dy = to[1] - from[1], half = 0.5 * hypot(dx, dy);
-    double radius = fabs(command->radius_mm);
-    if (2.0 * half < CLOSED)
-        return waam_fail(error, WAAM_E_CONTRADICTION, command->arc_column, "R cannot describe a full circle, use I J K");
-    if (radius < half - REACH) {
-        waam_fail(error, WAAM_E_CONTRADICTION, command->arc_column, "");
-        add_mm(&error->text, "R ", radius);
-        add_mm(&error->text, " cannot reach an end that is ", 2.0 * half);
-        waam_text_add(&error->text, " away");
-        return false;
-    }
-    double height = radius > half ? sqrt((radius - half) * (radius + half)) : 0.0;
-    bool left = (command->radius_mm < 0.0) == clockwise; /* of the way from start to end */
-    double sign = left ? 1.0 : -1.0;
-    path->centre_mm[0] = from[0] + 0.5 * dx - sign * height * dy / (2.0 * half);
-    path->centre_mm[1] = from[1] + 0.5 * dy + sign * height * dx / (2.0 * half);
-    return true;
 }
 
 static bool matching_radii(double first, double last, size_t column, waam_error_t *error)
@@ -62,29 +38,23 @@ static double sweep_of(const double from[2], const double to[2], const double ce
     return !clockwise && sweep <= 0.0 ? sweep + 2.0 * WAAM_PI : sweep;
 }
 
-bool waam_arc_path(const double start_mm[WAAM_AXES], const double end_mm[WAAM_AXES], const double zero_mm[WAAM_AXES],
-                   const waam_command_t *command, waam_path_t *path, waam_error_t *error)
+bool waam_arc_path(const double start_mm[WAAM_AXES], const double end_mm[WAAM_AXES], const waam_command_t *command,
+                   waam_path_t *path, waam_error_t *error)
 {
-    const uint8_t *axes = waam_plane_axes[command->modal.plane];
-    const double from[2] = {start_mm[axes[0]], start_mm[axes[1]]}, to[2] = {end_mm[axes[0]], end_mm[axes[1]]};
-    bool clockwise = command->modal.motion == WAAM_MOTION_ARC_CW;
     *path = waam_path_line(start_mm, end_mm);
     path->arc = true;
-    path->plane = command->modal.plane;
     for (int i = 0; i < 2; i++)
-        path->centre_mm[i] = command->offset_mm[axes[i]] + (command->modal.arc_absolute ? zero_mm[axes[i]] : from[i]);
-    if (command->has_radius && !centre_of_radius(path, from, to, clockwise, command, error))
-        return false;
-    double last = hypot(to[0] - path->centre_mm[0], to[1] - path->centre_mm[1]);
-    path->radius_mm = hypot(from[0] - path->centre_mm[0], from[1] - path->centre_mm[1]);
+        path->centre_mm[i] = start_mm[i] + command->centre_mm[i];
+    double last = hypot(end_mm[0] - path->centre_mm[0], end_mm[1] - path->centre_mm[1]);
+    path->radius_mm = hypot(command->centre_mm[0], command->centre_mm[1]);
     path->spiral_mm = last - path->radius_mm;
     if (fmin(path->radius_mm, last) < RADIUS_LEAST)
         return waam_fail(error, WAAM_E_CONTRADICTION, command->arc_column, "the arc has no radius");
     if (!matching_radii(path->radius_mm, last, command->arc_column, error))
         return false;
-    path->angle = atan2(from[1] - path->centre_mm[1], from[0] - path->centre_mm[0]);
-    path->sweep = sweep_of(from, to, path->centre_mm, clockwise);
-    double around = path->sweep * (path->radius_mm + 0.5 * path->spiral_mm), rise = end_mm[axes[2]] - start_mm[axes[2]];
-    path->length_mm = hypot(around, rise);
+    path->angle = atan2(-command->centre_mm[1], -command->centre_mm[0]);
+    path->sweep = sweep_of(start_mm, end_mm, path->centre_mm, command->modal.motion == WAAM_MOTION_ARC_CW);
+    double around = path->sweep * (path->radius_mm + 0.5 * path->spiral_mm);
+    path->length_mm = hypot(around, end_mm[2] - start_mm[2]);
     return true;
 }

@@ -5,9 +5,8 @@
 #include "waam_gcode.h"
 #include "waam_path.h"
 
-/* The arc from start to end (machine mm). `zero_mm`: zero of the program's frame, for absolute centres (G90.1).
- * Refuses a radius that cannot reach the end, start and end at different distances from the centre, and no radius. */
-bool waam_arc_path(const double start_mm[WAAM_AXES], const double end_mm[WAAM_AXES], const double zero_mm[WAAM_AXES],
-                   const waam_command_t *command, waam_path_t *path, waam_error_t *error);
+/* The arc from start to end (machine mm). Refuses start and end at different distances from the centre, and no radius. */
+bool waam_arc_path(const double start_mm[WAAM_AXES], const double end_mm[WAAM_AXES], const waam_command_t *command,
+                   waam_path_t *path, waam_error_t *error);
 
 #endif

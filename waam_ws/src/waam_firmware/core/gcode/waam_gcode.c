@@ -1,4 +1,4 @@
-/* Reading: comments, words, the modal group of each G and M word. What the words say together is checked in waam_words.c. */
+/* Reading: words, the modal group of each G and M word. What the words say together is checked in waam_words.c. */
 #include "waam_words.h"
 
 static bool fail_letter(waam_words_t *w, waam_code_t code, size_t column, char letter, const char *text)
@@ -25,83 +25,46 @@ static bool group(waam_words_t *w, waam_group_t group, char letter, double numbe
     return true;
 }
 
-typedef struct {
-    uint16_t tenths; /* 10 times the number, so that G91.1 is 911 */
+static const struct {
+    char letter;
+    uint8_t number;
     waam_group_t group;
-    uint8_t choice;  /* within the group: what the word means */
-} meaning_t;
-
-static const meaning_t g_words[] = {
-    {0, WAAM_GROUP_MOTION, WAAM_MOTION_RAPID}, {10, WAAM_GROUP_MOTION, WAAM_MOTION_LINE},
-    {20, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CW}, {30, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CCW},
-    {170, WAAM_GROUP_PLANE, WAAM_PLANE_XY}, {180, WAAM_GROUP_PLANE, WAAM_PLANE_ZX},
-    {190, WAAM_GROUP_PLANE, WAAM_PLANE_YZ}, {200, WAAM_GROUP_UNITS, 1}, {210, WAAM_GROUP_UNITS, 0},
-    {530, WAAM_GROUP_MACHINE, 0}, {540, WAAM_GROUP_FRAME, 0}, {550, WAAM_GROUP_FRAME, 1}, {560, WAAM_GROUP_FRAME, 2},
-    {570, WAAM_GROUP_FRAME, 3}, {580, WAAM_GROUP_FRAME, 4}, {590, WAAM_GROUP_FRAME, 5},
-    {900, WAAM_GROUP_DISTANCE, 0}, {910, WAAM_GROUP_DISTANCE, 1}, {901, WAAM_GROUP_CENTRE, 1},
-    {911, WAAM_GROUP_CENTRE, 0}, {930, WAAM_GROUP_FEED, 1}, {940, WAAM_GROUP_FEED, 0},
-    {40, WAAM_GROUP_ACTION, WAAM_DO_DWELL}, {100, WAAM_GROUP_ACTION, WAAM_DO_SET_FRAME},
-    {280, WAAM_GROUP_ACTION, WAAM_DO_HOME}, {920, WAAM_GROUP_ACTION, WAAM_DO_SET_POSITION},
-    {921, WAAM_GROUP_ACTION, WAAM_DO_CLEAR_POSITION},
-    {800, WAAM_GROUP_MOTION, WAAM_MOTION_NONE},
-    /* what this machine always does: no compensation, exact path (a blend within P of G64 is the path itself) */
-    {400, WAAM_GROUP_CUTTER, 0}, {490, WAAM_GROUP_LENGTH, 0}, {610, WAAM_GROUP_PATH, 0}, {640, WAAM_GROUP_PATH, 1},
+    uint8_t choice; /* within the group: what the word means */
+} meanings[] = {
+    {'G', 0, WAAM_GROUP_MOTION, WAAM_MOTION_RAPID}, {'G', 1, WAAM_GROUP_MOTION, WAAM_MOTION_LINE},
+    {'G', 2, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CW}, {'G', 3, WAAM_GROUP_MOTION, WAAM_MOTION_ARC_CCW},
+    {'G', 90, WAAM_GROUP_DISTANCE, 0}, {'G', 91, WAAM_GROUP_DISTANCE, 1},
+    {'G', 17, WAAM_GROUP_PLANE, 0}, {'G', 21, WAAM_GROUP_UNITS, 0}, {'G', 54, WAAM_GROUP_FRAME, 0},
+    {'G', 4, WAAM_GROUP_ACTION, WAAM_DO_DWELL}, {'G', 28, WAAM_GROUP_ACTION, WAAM_DO_HOME},
+    {'M', 3, WAAM_GROUP_ACTION, WAAM_DO_ARC_START}, {'M', 5, WAAM_GROUP_ACTION, WAAM_DO_ARC_END},
+    {'M', 30, WAAM_GROUP_ACTION, WAAM_DO_FINISH},
+    {'M', 7, WAAM_GROUP_GAS, WAAM_GAS_ON}, {'M', 9, WAAM_GROUP_GAS, WAAM_GAS_OFF},
 };
 
-static const meaning_t m_words[] = {
-    {0, WAAM_GROUP_ACTION, WAAM_DO_PAUSE}, {20, WAAM_GROUP_ACTION, WAAM_DO_FINISH},
-    {300, WAAM_GROUP_ACTION, WAAM_DO_FINISH}, {30, WAAM_GROUP_ACTION, WAAM_DO_ARC_START},
-    {50, WAAM_GROUP_ACTION, WAAM_DO_ARC_END}, {70, WAAM_GROUP_GAS, WAAM_GAS_ON},
-    {80, WAAM_GROUP_GAS, WAAM_GAS_ON}, {90, WAAM_GROUP_GAS, WAAM_GAS_OFF},
-    {820, WAAM_GROUP_WIRE, WAAM_WIRE_E_ABSOLUTE}, {830, WAAM_GROUP_WIRE, WAAM_WIRE_E_RELATIVE},
-};
-
-static void choose(waam_words_t *w, const meaning_t *m)
+static void choose(waam_words_t *w, waam_group_t group, uint8_t choice)
 {
     waam_modal_t *modal = &w->command->modal;
-    switch (m->group) {
-    case WAAM_GROUP_MOTION: modal->motion = (waam_motion_mode_t)m->choice; break;
-    case WAAM_GROUP_PLANE: modal->plane = (waam_plane_t)m->choice; break;
-    case WAAM_GROUP_DISTANCE: modal->relative = m->choice; break;
-    case WAAM_GROUP_CENTRE: modal->arc_absolute = m->choice; break;
-    case WAAM_GROUP_FEED: modal->inverse_time = m->choice; break;
-    case WAAM_GROUP_UNITS: modal->inch = m->choice; break;
-    case WAAM_GROUP_FRAME: modal->frame = m->choice; break;
-    case WAAM_GROUP_WIRE: modal->wire_mode = (waam_wire_mode_t)m->choice; break;
-    case WAAM_GROUP_MACHINE: w->command->machine_frame = true; break;
-    case WAAM_GROUP_GAS: w->command->gas = (waam_gas_t)m->choice; break;
-    case WAAM_GROUP_PATH: w->tolerance = m->choice; break;
-    case WAAM_GROUP_CUTTER:
-    case WAAM_GROUP_LENGTH: break;
-    default: w->command->action = (waam_action_t)m->choice; break;
+    switch (group) {
+    case WAAM_GROUP_MOTION: modal->motion = (waam_motion_mode_t)choice; break;
+    case WAAM_GROUP_DISTANCE: modal->relative = choice; break;
+    case WAAM_GROUP_GAS: w->command->gas = (waam_gas_t)choice; break;
+    case WAAM_GROUP_ACTION: w->command->action = (waam_action_t)choice; break;
+    default: break; /* always so here */
     }
 }
 
 static bool coded_word(waam_words_t *w, char letter, double number, size_t column)
 {
-    const meaning_t *words = letter == 'G' ? g_words : m_words;
-    size_t count = letter == 'G' ? sizeof g_words / sizeof g_words[0] : sizeof m_words / sizeof m_words[0];
-    for (size_t i = 0; i < count; i++) {
-        double off = number * 10.0 - words[i].tenths;
-        if (off > 1e-6 || off < -1e-6)
+    for (size_t i = 0; i < sizeof meanings / sizeof meanings[0]; i++) {
+        double off = number - meanings[i].number;
+        if (letter != meanings[i].letter || off > 1e-6 || off < -1e-6)
             continue;
-        if (!group(w, words[i].group, letter, number, column))
+        if (!group(w, meanings[i].group, letter, number, column))
             return false;
-        choose(w, &words[i]);
+        choose(w, meanings[i].group, meanings[i].choice);
         return true;
     }
     return waam_fail_word(w->error, WAAM_E_UNKNOWN_WORD, column, letter, number, " is not known");
-}
-
-static bool first_word(const waam_words_t *w)
-{
-    for (int i = 0; i < WAAM_VALUE_LETTERS; i++)
-        if (w->has[i])
-            return false;
-    for (int i = 0; i < WAAM_GROUPS; i++)
-        if (w->group_column[i])
-            return false;
-    return true;
 }
 
 static bool value_word(waam_words_t *w, char letter, double number, size_t column)
@@ -113,8 +76,6 @@ static bool value_word(waam_words_t *w, char letter, double number, size_t colum
         return fail_letter(w, WAAM_E_UNKNOWN_WORD, column, letter, " is not a word of this controller");
     if (w->has[i])
         return fail_letter(w, WAAM_E_CONTRADICTION, column, letter, " is given twice");
-    if (i == WAAM_N && (!first_word(w) || number < 0))
-        return waam_fail(w->error, WAAM_E_SYNTAX, column, "N, the number of a line, comes first and is not negative");
     w->has[i] = true;
     w->value[i] = number;
     w->column[i] = column;
@@ -137,20 +98,10 @@ static bool fail_number(waam_words_t *w, size_t column, char letter)
                        waam_digits_follow(&w->cursor) ? " is too large: numbers are below 1000000000" : " needs a number");
 }
 
-/* "X1e-05": RS274 knows no exponents, and E is a word here. A small 'e' behind a word in capitals is none. */
-static bool exponent_follows(const waam_words_t *w, char written)
-{
-    waam_cursor_t after = w->cursor;
-    if (written > 'Z' || after.at >= after.length || after.text[after.at] != 'e')
-        return false;
-    after.at++;
-    return waam_digits_follow(&after);
-}
-
 static bool word(waam_words_t *w)
 {
     size_t column = w->cursor.at + 1;
-    char letter = w->cursor.text[w->cursor.at++], written = letter;
+    char letter = w->cursor.text[w->cursor.at++];
     if (letter >= 'a' && letter <= 'z')
         letter = (char)(letter - 'a' + 'A');
     if (letter < 'A' || letter > 'Z')
@@ -159,48 +110,15 @@ static bool word(waam_words_t *w)
     double number;
     if (!waam_read_number(&w->cursor, &number))
         return fail_number(w, column, letter);
-    if (exponent_follows(w, written))
-        return fail_letter(w, WAAM_E_NUMBER, column, letter, ": an exponent is not read, write the number out");
     return coded ? coded_word(w, letter, number, column) : value_word(w, letter, number, column);
 }
 
-/* Skips "( )"; a ';' ends the line. */
-static bool comment(waam_words_t *w)
-{
-    waam_cursor_t *c = &w->cursor;
-    if (c->text[c->at] == ';') {
-        c->at = c->length;
-        return true;
-    }
-    size_t open = c->at;
-    while (c->at < c->length && c->text[c->at] != ')')
-        c->at++;
-    if (c->at == c->length)
-        return waam_fail(w->error, WAAM_E_SYNTAX, open + 1, "comment is not closed");
-    c->at++;
-    return true;
-}
-
-/* '%' alone marks the begin and end of a tape. */
-static bool tape_mark(waam_words_t *w)
-{
-    size_t column = ++w->cursor.at;
-    return waam_at_end(&w->cursor) ||
-           waam_fail(w->error, WAAM_E_SYNTAX, column, "% marks begin or end of a program and stands alone");
-}
-
+/* A ';' ends the line. */
 static bool read_words(waam_words_t *w)
 {
-    bool starts = !waam_at_end(&w->cursor);
-    if (starts && w->cursor.text[w->cursor.at] == '%')
-        return tape_mark(w);
-    if (starts && w->cursor.text[w->cursor.at] == '/')
-        w->cursor.at++;
-    while (!waam_at_end(&w->cursor)) {
-        char c = w->cursor.text[w->cursor.at];
-        if (!(c == '(' || c == ';' ? comment(w) : word(w)))
+    while (!waam_at_end(&w->cursor) && w->cursor.text[w->cursor.at] != ';')
+        if (!word(w))
             return false;
-    }
     return true;
 }
 
@@ -208,7 +126,6 @@ bool waam_gcode_parse(const char *line, size_t length, size_t start, const waam_
                       const waam_gcode_limits_t *limits, waam_command_t *command, waam_error_t *error)
 {
     *command = (waam_command_t){.modal = *before};
-    waam_words_t words = {.cursor = {line, length, start}, .command = command, .error = error, .before = before,
-                          .limits = limits};
+    waam_words_t words = {.cursor = {line, length, start}, .command = command, .error = error, .limits = limits};
     return read_words(&words) && waam_words_apply(&words);
 }

@@ -4,13 +4,9 @@
 
 #define CENTRIPETAL_SHARE 0.8 /* of the acceleration limit at most; leaves 0.6 of it to change the speed */
 
-const uint8_t waam_plane_axes[3][WAAM_AXES] = {{0, 1, 2}, {2, 0, 1}, {1, 2, 0}};
-
 waam_kinematics_t waam_kinematics(const waam_config_t *config)
 {
-    waam_kinematics_t k = {.junction_deviation_mm = config->junction_deviation_mm,
-                           .wire_max_mm_s = config->wire_max_mm_s, .wire_accel_mm_s2 = config->wire_accel_mm_s2,
-                           .wire_jump_mm_s = config->wire_jump_mm_s};
+    waam_kinematics_t k = {.junction_deviation_mm = config->junction_deviation_mm};
     for (int i = 0; i < WAAM_AXES; i++) {
         k.steps_per_mm[i] = config->steps_per_mm[i];
         k.max_speed_mm_s[i] = config->max_speed_mm_s[i];
@@ -39,10 +35,9 @@ void waam_path_point(const waam_path_t *path, double share, double at_mm[WAAM_AX
         at_mm[i] = path->start_mm[i] + share * (path->end_mm[i] - path->start_mm[i]);
     if (!path->arc)
         return;
-    const uint8_t *axes = waam_plane_axes[path->plane];
     double angle = path->angle + share * path->sweep, radius = path->radius_mm + share * path->spiral_mm;
-    at_mm[axes[0]] = path->centre_mm[0] + radius * cos(angle);
-    at_mm[axes[1]] = path->centre_mm[1] + radius * sin(angle);
+    at_mm[0] = path->centre_mm[0] + radius * cos(angle);
+    at_mm[1] = path->centre_mm[1] + radius * sin(angle);
 }
 
 void waam_path_direction(const waam_path_t *path, double share, double unit[WAAM_AXES])
@@ -51,11 +46,10 @@ void waam_path_direction(const waam_path_t *path, double share, double unit[WAAM
         unit[i] = (path->end_mm[i] - path->start_mm[i]) / path->length_mm;
     if (!path->arc)
         return;
-    const uint8_t *axes = waam_plane_axes[path->plane];
     double angle = path->angle + share * path->sweep;
     double tangential = path->radius_mm * path->sweep / path->length_mm;
-    unit[axes[0]] = -tangential * sin(angle);
-    unit[axes[1]] = tangential * cos(angle);
+    unit[0] = -tangential * sin(angle);
+    unit[1] = tangential * cos(angle);
 }
 
 /* Does the arc pass `angle` (any multiple of a turn away)? */
@@ -69,15 +63,13 @@ void waam_path_reach(const waam_path_t *path, int axis, double *lowest_mm, doubl
 {
     *lowest_mm = fmin(path->start_mm[axis], path->end_mm[axis]);
     *highest_mm = fmax(path->start_mm[axis], path->end_mm[axis]);
-    const uint8_t *axes = waam_plane_axes[path->plane];
-    if (!path->arc || axis == axes[2])
+    if (!path->arc || axis == 2)
         return;
-    int second = axis == axes[1];
-    double radius = path->radius_mm + fmax(0.0, path->spiral_mm), forward = second * 0.5 * WAAM_PI;
+    double radius = path->radius_mm + fmax(0.0, path->spiral_mm), forward = axis * 0.5 * WAAM_PI;
     if (passes(path, forward))
-        *highest_mm = path->centre_mm[second] + radius;
+        *highest_mm = path->centre_mm[axis] + radius;
     if (passes(path, forward + WAAM_PI))
-        *lowest_mm = path->centre_mm[second] - radius;
+        *lowest_mm = path->centre_mm[axis] - radius;
 }
 
 /* Greatest value along `unit` so that no axis exceeds its own limit. */
@@ -92,24 +84,18 @@ static double along(const double unit[WAAM_AXES], const double limit[WAAM_AXES])
     return result;
 }
 
-static double lesser(const double limit[WAAM_AXES], const uint8_t axes[WAAM_AXES])
-{
-    return fmin(limit[axes[0]], limit[axes[1]]);
-}
-
 static double over(double limit, double share) { return share > 1e-9 ? limit / share : INFINITY; }
 
 static void arc_limits(const waam_path_t *path, double wanted, const waam_kinematics_t *k, double *speed, double *accel)
 {
-    const uint8_t *axes = waam_plane_axes[path->plane];
     double radius = fmin(path->radius_mm, path->radius_mm + path->spiral_mm);
-    double rise = fabs(path->end_mm[axes[2]] - path->start_mm[axes[2]]) / path->length_mm;
-    double flat = sqrt(fmax(0.0, 1.0 - rise * rise)), limit = lesser(k->accel_mm_s2, axes);
-    *speed = fmin(over(lesser(k->max_speed_mm_s, axes), flat), over(k->max_speed_mm_s[axes[2]], rise));
+    double rise = fabs(path->end_mm[2] - path->start_mm[2]) / path->length_mm;
+    double flat = sqrt(fmax(0.0, 1.0 - rise * rise)), limit = fmin(k->accel_mm_s2[0], k->accel_mm_s2[1]);
+    *speed = fmin(over(fmin(k->max_speed_mm_s[0], k->max_speed_mm_s[1]), flat), over(k->max_speed_mm_s[2], rise));
     *speed = fmin(*speed, over(sqrt(CENTRIPETAL_SHARE * limit * radius), flat));
     double top = fmin(*speed, WAAM_OVERRIDE_MAX * wanted) * flat, centripetal = top * top / radius;
     *speed = fmin(*speed, WAAM_OVERRIDE_MAX * wanted);
-    *accel = fmin(over(sqrt(limit * limit - centripetal * centripetal), flat), over(k->accel_mm_s2[axes[2]], rise));
+    *accel = fmin(over(sqrt(limit * limit - centripetal * centripetal), flat), over(k->accel_mm_s2[2], rise));
 }
 
 void waam_path_limits(const waam_path_t *path, double wanted_mm_s, const waam_kinematics_t *kinematics,

@@ -4,27 +4,20 @@
 
 #include "waam_gcode.h"
 
-#define WAAM_VALUE_LETTERS 15
+#define WAAM_VALUE_LETTERS 9
 
 /* Words that carry a value, in the order of waam_value_letters. */
-enum { WAAM_X, WAAM_Y, WAAM_Z, WAAM_I, WAAM_J, WAAM_K, WAAM_R, WAAM_E, WAAM_F, WAAM_P, WAAM_L, WAAM_W, WAAM_S, WAAM_Q, WAAM_N };
+enum { WAAM_X, WAAM_Y, WAAM_Z, WAAM_I, WAAM_J, WAAM_F, WAAM_P, WAAM_W, WAAM_S };
 extern const char waam_value_letters[WAAM_VALUE_LETTERS + 1];
 
 /* Modal groups of G and M words; one word of each per line. */
 typedef enum {
     WAAM_GROUP_MOTION,
-    WAAM_GROUP_PLANE,
     WAAM_GROUP_DISTANCE,
-    WAAM_GROUP_CENTRE,
-    WAAM_GROUP_FEED,
-    WAAM_GROUP_UNITS,
-    WAAM_GROUP_FRAME,
-    WAAM_GROUP_WIRE,
-    WAAM_GROUP_MACHINE, /* G53 */
-    WAAM_GROUP_CUTTER,  /* G40 */
-    WAAM_GROUP_LENGTH,  /* G49: of the tool */
-    WAAM_GROUP_PATH,    /* G61, G64 */
-    WAAM_GROUP_GAS,     /* M7, M8, M9 */
+    WAAM_GROUP_PLANE,   /* G17: of arcs, always XY */
+    WAAM_GROUP_UNITS,   /* G21: always mm */
+    WAAM_GROUP_FRAME,   /* G54: there is one */
+    WAAM_GROUP_GAS,     /* M7, M9 */
     WAAM_GROUP_ACTION,
     WAAM_GROUPS
 } waam_group_t;
@@ -33,7 +26,6 @@ typedef struct {
     waam_cursor_t cursor;
     waam_command_t *command;
     waam_error_t *error;
-    const waam_modal_t *before;
     const waam_gcode_limits_t *limits;
     bool has[WAAM_VALUE_LETTERS];
     double value[WAAM_VALUE_LETTERS];
@@ -41,7 +33,6 @@ typedef struct {
     size_t group_column[WAAM_GROUPS]; /* 0 = no word of this group in the line */
     char group_letter[WAAM_GROUPS];
     double group_number[WAAM_GROUPS];
-    bool tolerance; /* G64 */
 } waam_words_t;
 
 /* Completes the command from all words of the line; false = they contradict each other, or one is missing or out of range. */

@@ -127,12 +127,6 @@ size_t waam_link_next(waam_link_t *link, char *line)
     return length;
 }
 
-void waam_link_put_back(waam_link_t *link, size_t length)
-{
-    link->ring_used += length + 1;
-    link->ring_tail = (link->ring_tail + WAAM_RING_BYTES - length - 1) % WAAM_RING_BYTES;
-}
-
 void waam_link_accept(waam_link_t *link) { link->accepted++; }
 
 static void forget_waiting(waam_link_t *link)

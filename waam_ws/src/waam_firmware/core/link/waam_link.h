@@ -27,7 +27,7 @@ typedef struct {
     waam_code_t resend_code;
     bool known;                 /* a line with a good check has come since the other end was gone */
     bool strong;                /* the host identified itself with a CRC-32: numbered lines need one too */
-    unsigned check_digits;      /* of the last good line: 3 or less XOR-8, 5 CRC-16, 10 CRC-32 */
+    unsigned check_digits;      /* of the last good line: 5 CRC-16, 10 CRC-32 */
 } waam_link_t;
 
 /* Nothing was received; the next line is number 1. */
@@ -36,8 +36,6 @@ void waam_link_init(waam_link_t *link);
 waam_rx_t waam_link_byte(waam_link_t *link, uint8_t byte);
 /* Oldest waiting line into `line` (WAAM_LINE_MAX bytes); 0 when none waits. It counts as accepted by waam_link_accept. */
 size_t waam_link_next(waam_link_t *link, char *line);
-/* The line that was just taken waits again. */
-void waam_link_put_back(waam_link_t *link, size_t length);
 /* The line that was just taken is in the planner queue. */
 void waam_link_accept(waam_link_t *link);
 /* Forgets the lines that wait and takes no others until waam_link_resync. `told`: the host knows already. */

@@ -7,20 +7,17 @@
 #define AXIS(name, field, axis) \
     {name, (float)WAAM_ACCEL_LEAST, 1e6f, WAAM_SETTING_DOUBLE, offsetof(waam_config_t, field[axis])}
 
-const waam_setting_t waam_accel_settings[WAAM_SHAPED_AXES] = {
+const waam_setting_t waam_accel_settings[] = {
     AXIS("max_accel_x", accel_mm_s2, 0),
     AXIS("max_accel_y", accel_mm_s2, 1),
+    {0}, /* ends the list */
 };
 
-const waam_setting_t waam_accel_limits[WAAM_SHAPED_AXES] = {
+const waam_setting_t waam_accel_limits[] = {
     AXIS("accel_limit_x", accel_most_mm_s2, 0),
     AXIS("accel_limit_y", accel_most_mm_s2, 1),
+    {0}, /* ends the list */
 };
-
-const waam_setting_t *waam_accel_setting(const char *name, size_t length)
-{
-    return waam_setting_find(waam_accel_settings, WAAM_SHAPED_AXES, name, length);
-}
 
 static bool fits(const waam_core_t *core, int axis, double value, waam_error_t *error)
 {
@@ -35,10 +32,11 @@ static bool fits(const waam_core_t *core, int axis, double value, waam_error_t *
     return false;
 }
 
-bool waam_core_accelerate(waam_core_t *core, int axis, double accel_mm_s2, waam_error_t *error)
+bool waam_core_accelerate(waam_core_t *core, const waam_setting_t *setting, double accel_mm_s2, waam_error_t *error)
 {
+    int axis = (int)(setting - waam_accel_settings);
     double rounded = round(accel_mm_s2 * 1e3) / 1e3;
-    if (!waam_core_settable(core, error) || !fits(core, axis, rounded, error))
+    if (!fits(core, axis, rounded, error))
         return false;
     core->config.accel_mm_s2[axis] = rounded;
     core->kinematics = waam_kinematics(&core->config);

@@ -5,12 +5,6 @@
 #include "waam_internal.h"
 
 #define SHORTEST_MM 5e-4 /* a move below this makes no block of its own but becomes part of the next */
-#define WIRE_MOST_MM 1e4 /* that one line may feed */
-
-double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis)
-{
-    return core->work_mm[modal->frame][axis] + modal->g92_mm[axis];
-}
 
 /* ---- soft limits ---- */
 
@@ -48,8 +42,7 @@ static bool soft_limit(const waam_core_t *core, const waam_path_t *path, const s
 static waam_block_t block_of(const waam_core_t *core, waam_block_kind_t kind, uint32_t line)
 {
     return (waam_block_t){.kind = kind, .line = line, .wire_mm_s = core->modal.wire_mm_s,
-                          .voltage_v = core->modal.voltage_v, .after = core->modal,
-                          .coupled = core->modal.wire_mode != WAAM_WIRE_VELOCITY};
+                          .voltage_v = core->modal.voltage_v};
 }
 
 /* A line that needs no time is done together with what comes before it. */
@@ -58,12 +51,10 @@ static void attach(waam_core_t *core, uint32_t line)
     waam_block_t *tail = waam_planner_tail(&core->planner);
     if (!line)
         return;
-    if (tail) {
+    if (tail)
         tail->line = line;
-        tail->after = core->modal;
-    } else {
-        waam_core_done(core, line, &core->modal);
-    }
+    else
+        waam_core_done(core, line);
 }
 
 static void push(waam_core_t *core, waam_block_kind_t kind, uint32_t line, double dwell_s)
@@ -80,7 +71,7 @@ static void push_move(waam_core_t *core, waam_block_t *block)
     waam_planner_push(&core->planner, block, &core->kinematics);
     if (core->planner.count == 1 && waam_shaper_settled(&core->shaper))
         waam_planner_tail(&core->planner)->first = (waam_slow_t){.length_mm = 0.0f}; /* nothing before it is under way */
-    for (int i = 0; i < WAAM_AXES && !block->wire_only; i++)
+    for (int i = 0; i < WAAM_AXES; i++)
         core->plan_mm[i] = core->path_mm[i] = block->path.end_mm[i];
 }
 
@@ -94,7 +85,6 @@ bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], dou
             return waam_fail(error, WAAM_E_NUMBER, 1, "a coordinate is out of range");
     }
     block.jog = true;
-    block.coupled = false;
     block.nominal_mm_s = speed_mm_s;
     block.path = waam_path_line(core->path_mm, target);
     if (core->plan_homed && !soft_limit(core, &block.path, NULL, error))
@@ -108,101 +98,34 @@ bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], dou
 
 static bool path_of(const waam_core_t *core, const waam_command_t *command, waam_path_t *path, waam_error_t *error)
 {
-    double target[WAAM_AXES], zero[WAAM_AXES];
+    double target[WAAM_AXES];
     for (int i = 0; i < WAAM_AXES; i++) {
-        zero[i] = waam_core_zero_mm(core, &command->modal, i);
-        double base = command->modal.relative ? core->plan_mm[i] : command->machine_frame ? 0.0 : zero[i];
+        double base = command->modal.relative ? core->plan_mm[i] : core->work_mm[i];
         target[i] = command->has[i] ? base + command->axis_mm[i] : core->plan_mm[i];
         if (fabs(target[i]) > 1e6)
             return waam_fail(error, WAAM_E_NUMBER, command->axis_column[i], "a coordinate is out of range");
     }
     if (command->modal.motion >= WAAM_MOTION_ARC_CW)
-        return waam_arc_path(core->plan_mm, target, zero, command, path, error);
+        return waam_arc_path(core->plan_mm, target, command, path, error);
     *path = waam_path_line(core->path_mm, target);
-    return true;
-}
-
-static double nominal_speed(const waam_core_t *core, const waam_command_t *command, double length_mm)
-{
-    if (command->modal.motion == WAAM_MOTION_RAPID)
-        return core->config.rapid_mm_s;
-    return command->modal.inverse_time ? fmax(length_mm * command->per_s, 1e-3) : command->modal.feed_mm_s;
-}
-
-/* E without a travel, or with one too short for a block: a length of wire, at the feed F. */
-static bool plan_wire(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
-{
-    waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, line);
-    if (core->plan_arc && command->wire_mm < 0.0)
-        return waam_fail(error, WAAM_E_CONTRADICTION, command->wire_column, "E: no wire is drawn back with the arc on");
-    if (fabs(command->wire_mm) < SHORTEST_MM) {
-        attach(core, line);
-        return true;
-    }
-    block.path = waam_path_line(core->path_mm, core->path_mm);
-    block.path.length_mm = fabs(command->wire_mm);
-    block.wire_only = true;
-    block.wire_per_mm = command->wire_mm < 0.0 ? -1.0 : 1.0;
-    block.nominal_mm_s = nominal_speed(core, command, block.path.length_mm);
-    push_move(core, &block);
     return true;
 }
 
 static bool plan_motion(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
 {
     waam_block_t block = block_of(core, WAAM_BLOCK_MOVE, line);
-    if (fabs(command->wire_mm) > WIRE_MOST_MM)
-        return waam_fail(error, WAAM_E_NUMBER, command->wire_column, "E feeds more than 10000 mm in one line");
-    if (!command->travels)
-        return plan_wire(core, command, line, error);
     if (!core->plan_homed)
         return waam_fail(error, WAAM_E_NOT_HOMED, command->axis_column[0], "not homed: send G28 first");
-    if (command->has_wire && (!core->plan_arc || command->wire_mm < 0.0))
-        return waam_fail(error, WAAM_E_CONTRADICTION, command->wire_column,
-                         "E with a travel feeds forwards, and the arc is on (M3)");
     if (!path_of(core, command, &block.path, error) || !soft_limit(core, &block.path, command->axis_column, error))
         return false;
     if (block.path.length_mm < SHORTEST_MM) {
         for (int i = 0; i < WAAM_AXES; i++)
             core->plan_mm[i] = block.path.end_mm[i];
-        return plan_wire(core, command, line, error);
+        attach(core, line);
+        return true;
     }
-    block.nominal_mm_s = nominal_speed(core, command, block.path.length_mm);
-    block.wire_per_mm = command->wire_mm / block.path.length_mm;
+    block.nominal_mm_s = command->modal.motion == WAAM_MOTION_RAPID ? core->config.rapid_mm_s : command->modal.feed_mm_s;
     push_move(core, &block);
-    return true;
-}
-
-/* ---- frames ---- */
-
-static bool set_position(waam_core_t *core, const waam_command_t *command, uint32_t line)
-{
-    for (int i = 0; i < WAAM_AXES; i++)
-        if (command->has[i])
-            core->modal.g92_mm[i] = core->plan_mm[i] - core->work_mm[core->modal.frame][i] - command->axis_mm[i];
-        else if (command->action == WAAM_DO_CLEAR_POSITION)
-            core->modal.g92_mm[i] = 0.0;
-    attach(core, line);
-    return true;
-}
-
-bool waam_core_waits(const waam_core_t *core, const waam_command_t *command)
-{
-    return command->action == WAAM_DO_SET_FRAME && !core->plan_arc &&
-           (core->planner.count > 0 || !waam_shaper_settled(&core->shaper));
-}
-
-/* Taken only when nothing is planned, so that it changes nothing under a running program. */
-static bool set_frame(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
-{
-    double *zero_mm = core->work_mm[command->frame];
-    if (core->plan_arc)
-        return waam_fail(error, WAAM_E_CONTRADICTION, command->action_column, "G10: end the arc first");
-    for (int i = 0; i < WAAM_AXES; i++)
-        if (command->has[i])
-            zero_mm[i] = command->from_here ? core->plan_mm[i] - core->modal.g92_mm[i] - command->axis_mm[i]
-                                            : command->axis_mm[i];
-    attach(core, line);
     return true;
 }
 
@@ -246,29 +169,17 @@ static bool plan_arc_end(waam_core_t *core, waam_block_kind_t kind, uint32_t lin
     return true;
 }
 
-static bool plan_simple(waam_core_t *core, const waam_command_t *command, uint32_t line)
-{
-    switch (command->action) {
-    case WAAM_DO_DWELL: push(core, WAAM_BLOCK_DWELL, line, command->dwell_s); break;
-    case WAAM_DO_GAS: break; /* plan_gas */
-    case WAAM_DO_PAUSE: push(core, WAAM_BLOCK_PAUSE, line, 0.0); break;
-    default: attach(core, line); break;
-    }
-    return true;
-}
-
 static bool plan(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error)
 {
     switch (command->action) {
     case WAAM_DO_MOVE: return plan_motion(core, command, line, error);
     case WAAM_DO_HOME: return plan_home(core, command, line, error);
-    case WAAM_DO_SET_POSITION:
-    case WAAM_DO_CLEAR_POSITION: return set_position(core, command, line);
-    case WAAM_DO_SET_FRAME: return set_frame(core, command, line, error);
     case WAAM_DO_ARC_START: return plan_arc_start(core, command, line, error);
     case WAAM_DO_ARC_END: return plan_arc_end(core, WAAM_BLOCK_ARC_END, line);
     case WAAM_DO_FINISH: return plan_arc_end(core, WAAM_BLOCK_FINISH, line);
-    default: return plan_simple(core, command, line);
+    case WAAM_DO_DWELL: push(core, WAAM_BLOCK_DWELL, line, command->dwell_s); return true;
+    case WAAM_DO_GAS: return true; /* plan_gas */
+    default: attach(core, line); return true;
     }
 }
 

@@ -58,8 +58,6 @@ waam_config_t waam_config_default(void)
         .wire_delay_s = 0.030,
         .wire_lag_s = 0.065,
         .wire_response_s = 0.020,
-        .wire_jump_mm_s = 10.0,
-        .wire_strike_mm_s = 60.0,
         .voltage_max_v = 60.0,
         .arc = {
             .purge_us = 300000,

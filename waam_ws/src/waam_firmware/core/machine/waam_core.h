@@ -42,7 +42,6 @@ typedef struct {
 /* A line that is done when the shaped motion gets to its end. */
 typedef struct {
     uint32_t line, due;         /* due: tick of the shaper */
-    waam_modal_t after;
 } waam_done_t;
 
 typedef struct {
@@ -67,8 +66,7 @@ typedef struct {
     uint32_t recent_count;
     uint8_t burst_byte;         /* last byte from the host, and how many of it in a row, when it is a real-time byte */
     unsigned burst;
-    waam_modal_t modal;         /* of what is planned */
-    waam_modal_t executed_modal;/* of what is done */
+    waam_modal_t modal;         /* of what is planned; a stop and ALARM forget it */
     waam_planner_t planner;
     waam_motion_t motion;       /* the planned one: where the machine is without lag and z_correction */
     waam_shaper_t shaper;
@@ -101,7 +99,7 @@ typedef struct {
     double plan_mm[WAAM_AXES];  /* machine coordinates, as commanded */
     double path_mm[WAAM_AXES];  /* end of the last block; differs from plan_mm while moves too short for one add up */
     bool plan_homed, plan_arc;
-    double work_mm[WAAM_FRAMES][WAAM_AXES]; /* zeros of G54 .. G59 in machine coordinates */
+    double work_mm[WAAM_AXES];  /* zero of the program in machine coordinates; $Z sets it */
 
     bool block_started;
     uint64_t dwell_us;

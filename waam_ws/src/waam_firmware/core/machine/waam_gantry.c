@@ -29,14 +29,8 @@ const waam_setting_t waam_gantry_settings[] = {
     PLACE("home_latch_speed", 0.5, 5, WAAM_SETTING_DOUBLE, home_latch_mm_s),
     HOMING("home_direction_x", 0),
     HOMING("home_direction_y", 1),
+    {0}, /* ends the list */
 };
-const size_t waam_gantry_settings_count = sizeof waam_gantry_settings / sizeof waam_gantry_settings[0];
-
-const waam_setting_t *waam_gantry_setting(const char *name, size_t length)
-{
-    return waam_setting_find(waam_gantry_settings, waam_gantry_settings_count, name, length);
-}
-
 static bool steps_follow(const waam_config_t *c, const waam_setting_t *setting, waam_error_t *error)
 {
     for (int i = 0; i < WAAM_AXES; i++) {
@@ -62,15 +56,10 @@ bool waam_core_set_gantry(waam_core_t *core, const waam_setting_t *setting, doub
 {
     waam_config_t *c = &core->config;
     const double before = waam_setting_get(setting, c), rounded = round(value * 1e3) / 1e3;
-    if (!waam_core_settable(core, error))
-        return false;
     if (rounded == before)
         return true;
-    if (!waam_setting_put(setting, c, rounded)) {
-        waam_fail(error, WAAM_E_NUMBER, 1, setting->name);
-        waam_setting_range(setting, &error->text);
-        return false;
-    }
+    if (!waam_setting_put(setting, c, rounded))
+        return waam_fail_range(error, setting);
     if (core->armed ? waam_fail(error, WAAM_E_NOT_NOW, 1, "the gantry's settings only while no job is armed")
                     : steps_follow(c, setting, error)) {
         for (int i = 0; i < WAAM_SHAPED_AXES; i++)

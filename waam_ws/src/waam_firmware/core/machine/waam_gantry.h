@@ -14,9 +14,6 @@
 
 /* Places in waam_config_t: names and ranges. */
 extern const waam_setting_t waam_gantry_settings[];
-extern const size_t waam_gantry_settings_count;
-/* NULL = no such setting. */
-const waam_setting_t *waam_gantry_setting(const char *name, size_t length);
 
 /* Rounded to a thousandth. In IDLE or ALARM with an empty queue, not armed. The position in mm stays; another envelope or
  * way of homing loses homing. A lower limit of acceleration lowers the acceleration with it. False: `error` says why, nothing is changed. */

@@ -57,10 +57,6 @@ static bool take_line(waam_core_t *core)
     bool good = core->state == WAAM_ALARM
                     ? waam_fail(&error, WAAM_E_NOT_NOW, 1, "ALARM: reset first")
                     : waam_gcode_parse(line, length, after_number(line, length), &core->modal, &limits, &command, &error);
-    if (good && waam_core_waits(core, &command)) {
-        waam_link_put_back(&core->link, length);
-        return false;
-    }
     if (!good || !waam_core_plan(core, &command, core->link.accepted + 1, &error)) {
         report_error(core, &error);
         return false;

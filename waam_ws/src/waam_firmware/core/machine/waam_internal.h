@@ -37,18 +37,12 @@ waam_code_t waam_core_reset(waam_core_t *core, const char **text);
 void waam_core_new_program(waam_core_t *core); /* modal state as after a start */
 void waam_core_stamp(const waam_core_t *core, waam_text_t *text); /* appends " @<microseconds>" */
 
-/* Zero of the program's coordinates in machine coordinates. */
-double waam_core_zero_mm(const waam_core_t *core, const waam_modal_t *modal, int axis);
-
 /* planning (waam_blocks.c); false = refused, `error` says why */
 bool waam_core_plan(waam_core_t *core, const waam_command_t *command, uint32_t line, waam_error_t *error);
 /* A jog, if it may be now (waam_orders.c). */
 bool waam_core_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], double speed_mm_s, waam_error_t *error);
 /* A straight move by so much. */
 bool waam_core_plan_jog(waam_core_t *core, const double delta_mm[WAAM_AXES], double speed_mm_s, waam_error_t *error);
-
-/* This command is taken only when everything before it is done. */
-bool waam_core_waits(const waam_core_t *core, const waam_command_t *command);
 
 /* Takes config.steps_per_mm over (waam_scale.c). */
 void waam_core_rescale(waam_core_t *core);
@@ -58,7 +52,7 @@ void waam_core_run(waam_core_t *core, uint32_t dt_us);
 void waam_core_follow(waam_core_t *core);
 
 /* input shaping (waam_shape.c) */
-void waam_core_done(waam_core_t *core, uint32_t line, const waam_modal_t *after); /* told when the motion is there */
+void waam_core_done(waam_core_t *core, uint32_t line); /* told when the motion is there */
 void waam_core_shape(waam_core_t *core, uint32_t dt_us);
 /* Takes the settings over; NULL, or why not. The machine stands. */
 const char *waam_core_tune(waam_core_t *core, const waam_shaper_config_t *settings);

@@ -135,7 +135,7 @@ void waam_order_work_offset(waam_request_t *r)
         }
     }
     for (int i = 0; i < WAAM_AXES; i++)
-        core->work_mm[0][i] = v[i], core->modal.g92_mm[i] = core->executed_modal.g92_mm[i] = 0.0;
+        core->work_mm[i] = v[i];
     waam_request_ok(r);
 }
 

@@ -23,7 +23,7 @@ static uint32_t flags(const waam_core_t *core)
 static int64_t work_um(const waam_core_t *core, int axis)
 {
     double machine_mm = (double)waam_core_steps(core, axis) / core->config.steps_per_mm[axis];
-    return llround((machine_mm - waam_core_zero_mm(core, &core->executed_modal, axis)) * 1000.0);
+    return llround((machine_mm - core->work_mm[axis]) * 1000.0);
 }
 
 static double speed(const waam_core_t *core)

@@ -35,14 +35,14 @@ bool waam_request_numbers(waam_request_t *r, double *values, int count)
     return true;
 }
 
-void waam_request_settings(waam_request_t *r, const waam_setting_t *settings, size_t count, const void *from)
+void waam_request_settings(waam_request_t *r, const waam_setting_t *settings, const void *from)
 {
     r->only_told = true;
-    for (size_t i = 0; i < count; i++) {
+    for (; settings->name; settings++) {
         if (r->answer.text[r->answer.length - 1] != ' ')
             waam_text_char(&r->answer, ' ');
-        waam_text_add(&r->answer, settings[i].name);
+        waam_text_add(&r->answer, settings->name);
         waam_text_char(&r->answer, '=');
-        waam_text_fixed(&r->answer, waam_setting_get(&settings[i], from), 4);
+        waam_text_fixed(&r->answer, waam_setting_get(settings, from), 4);
     }
 }

@@ -22,7 +22,7 @@ void waam_request_ok(waam_request_t *r);
 /* Exactly `count` numbers and nothing more, or refused. */
 bool waam_request_numbers(waam_request_t *r, double *values, int count);
 /* Appends "<name>=<value>" of each; nothing is done by that. */
-void waam_request_settings(waam_request_t *r, const waam_setting_t *settings, size_t count, const void *from);
+void waam_request_settings(waam_request_t *r, const waam_setting_t *settings, const void *from);
 
 /* between host and controller (waam_session.c) */
 void waam_order_identify(waam_request_t *r);

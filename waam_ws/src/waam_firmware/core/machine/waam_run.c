@@ -41,16 +41,13 @@ static void start_block(waam_core_t *core, const waam_block_t *block)
 
 static void finish_block(waam_core_t *core, const waam_block_t *block)
 {
-    waam_block_kind_t kind = block->kind;
-    if (kind == WAAM_BLOCK_ARC_END)
+    if (block->kind == WAAM_BLOCK_ARC_END)
         set_gas(core, block->gas);
     if (block->line)
-        waam_core_done(core, block->line, &block->after);
+        waam_core_done(core, block->line);
     core->jogged = block->jog;
     waam_planner_pop(&core->planner);
     core->block_started = false;
-    if (kind == WAAM_BLOCK_PAUSE)
-        waam_core_hold(core, WAAM_E_HOLD, "M0: program stop", false);
 }
 
 static bool may_strike(waam_core_t *core)

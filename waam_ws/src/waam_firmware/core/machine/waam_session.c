@@ -21,11 +21,11 @@ static void offset(waam_request_t *r)
     for (int i = 0; i < WAAM_AXES; i++) {
         if (i)
             waam_text_char(&r->answer, ',');
-        waam_text_fixed(&r->answer, waam_core_zero_mm(core, &core->executed_modal, i), 4);
+        waam_text_fixed(&r->answer, core->work_mm[i], 4);
     }
 }
 
-void waam_core_new_program(waam_core_t *core) { core->modal = core->executed_modal = (waam_modal_t){0}; }
+void waam_core_new_program(waam_core_t *core) { core->modal = (waam_modal_t){0}; }
 
 static void field(waam_request_t *r, const char *name, uint64_t value)
 {
@@ -73,7 +73,7 @@ static void describe(waam_request_t *r)
     offset(r);
     field(r, " acc=", core->link.accepted);
     field(r, " exe=", core->executed);
-    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,XOR8,G2,G54,G59,G92,E,TOKEN,RATE,STANDOFF,SHAPE");
+    waam_text_add(&r->answer, " cap=WIRE,LEASE,OVR,CRC16,CRC32,G2,TOKEN,RATE,STANDOFF,SHAPE");
     if (core->config.accelerometer)
         waam_text_add(&r->answer, ",ACCEL");
     if (core->config.part_temperature)
@@ -133,12 +133,12 @@ static void tell_settings(waam_request_t *r)
 {
     const waam_config_t *c = &r->core->config;
     shaper(r);
-    waam_request_settings(r, waam_wire_settings, waam_wire_settings_count, c);
-    waam_request_settings(r, waam_scale_settings, WAAM_AXES, c);
-    waam_request_settings(r, waam_accel_settings, WAAM_SHAPED_AXES, c);
-    waam_request_settings(r, waam_accel_limits, WAAM_SHAPED_AXES, c);
+    waam_request_settings(r, waam_wire_settings, c);
+    waam_request_settings(r, waam_scale_settings, c);
+    waam_request_settings(r, waam_accel_settings, c);
+    waam_request_settings(r, waam_accel_limits, c);
     if (c->part_temperature)
-        waam_request_settings(r, waam_temperature_settings, waam_temperature_settings_count, &c->temperature);
+        waam_request_settings(r, waam_temperature_settings, &c->temperature);
 }
 
 void waam_order_resync(waam_request_t *r)

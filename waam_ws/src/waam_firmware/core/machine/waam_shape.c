@@ -29,23 +29,21 @@ static void tell(waam_core_t *core)
 {
     const waam_done_t *done = &core->done[core->done_first];
     core->executed = done->line;
-    core->executed_modal = done->after;
     core->done_first = (core->done_first + 1) % WAAM_DONE;
     core->done_count--;
 }
 
 /* With no place left the newest line takes the others of its place with it: told later, never too early. */
-void waam_core_done(waam_core_t *core, uint32_t line, const waam_modal_t *after)
+void waam_core_done(waam_core_t *core, uint32_t line)
 {
     core->planned = line;
     if (waam_shaper_settled(&core->shaper)) {
         core->executed = line;
-        core->executed_modal = *after;
         return;
     }
     core->done_count += core->done_count < WAAM_DONE;
     core->done[(core->done_first + core->done_count - 1) % WAAM_DONE] =
-        (waam_done_t){line, core->shaper_ticks + core->shaper.span, *after};
+        (waam_done_t){line, core->shaper_ticks + core->shaper.span};
 }
 
 /* Ticks of another length: tuned anew as soon as the machine stands; off where they are too fine. */

@@ -60,12 +60,12 @@ void waam_core_absorb(waam_core_t *core)
     core->standoff.correction_mm = core->standoff.speed_mm_s = 0.0f;
 }
 
-/* The end of what is planned is where the machine stands, in the modes of what it has done. */
+/* The end of what is planned is where the machine stands; the modes are forgotten. */
 static void plan_from_here(waam_core_t *core)
 {
     for (int i = 0; i < WAAM_AXES; i++)
         core->plan_mm[i] = core->path_mm[i] = (double)core->motion.steps[i] / core->config.steps_per_mm[i];
-    core->modal = core->executed_modal;
+    core->modal = (waam_modal_t){0};
     core->plan_homed = core->homed;
     core->plan_arc = core->arc_wanted = false;
 }

@@ -8,13 +8,8 @@ const waam_setting_t waam_temperature_settings[] = {
     {"temperature_input", WAAM_TEMPERATURE_OFF, WAAM_TEMPERATURE_AMPLIFIER, WAAM_SETTING_WHOLE, AT(input)},
     {"temperature_low_c", -273.0f, 3000.0f, WAAM_SETTING_DOUBLE, AT(low_c)},
     {"temperature_high_c", -273.0f, 3000.0f, WAAM_SETTING_DOUBLE, AT(high_c)},
+    {0}, /* ends the list */
 };
-const size_t waam_temperature_settings_count = sizeof waam_temperature_settings / sizeof waam_temperature_settings[0];
-
-const waam_setting_t *waam_temperature_setting(const char *name, size_t length)
-{
-    return waam_setting_find(waam_temperature_settings, waam_temperature_settings_count, name, length);
-}
 
 /* V at the converter, where every circuit brings the upper end to 3 V (10 V by a divider, 20 mA by 150 ohm): both ends, and
  * beyond what it is no reading. A loop below 3.6 or above 21 mA says that its instrument has failed (NAMUR NE 43); 0 V is a

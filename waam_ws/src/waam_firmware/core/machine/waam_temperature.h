@@ -27,9 +27,6 @@ typedef struct {
 
 /* Places in waam_temperature_config_t: names and ranges. */
 extern const waam_setting_t waam_temperature_settings[];
-extern const size_t waam_temperature_settings_count;
-/* NULL = no such setting. */
-const waam_setting_t *waam_temperature_setting(const char *name, size_t length);
 
 /* One reading, V at the converter, NaN = none. */
 void waam_temperature_read(waam_temperature_t *t, const waam_temperature_config_t *config, float v);

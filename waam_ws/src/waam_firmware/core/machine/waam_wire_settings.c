@@ -7,10 +7,5 @@ const waam_setting_t waam_wire_settings[] = {
     NUMBER("wire_lag_s", wire_lag_s, 0.0f, 0.5f),
     NUMBER("wire_response_s", wire_response_s, 0.005f, 0.25f),
     NUMBER("wire_underfeed_ratio", arc.wire_fault_ratio, 0.5f, 0.99f),
+    {0}, /* ends the list */
 };
-const size_t waam_wire_settings_count = sizeof waam_wire_settings / sizeof waam_wire_settings[0];
-
-const waam_setting_t *waam_wire_setting(const char *name, size_t length)
-{
-    return waam_setting_find(waam_wire_settings, waam_wire_settings_count, name, length);
-}

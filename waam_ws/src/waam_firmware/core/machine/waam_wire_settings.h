@@ -8,9 +8,6 @@
 
 /* Places in waam_config_t. */
 extern const waam_setting_t waam_wire_settings[];
-extern const size_t waam_wire_settings_count;
 
-/* Of waam_config_t; NULL = no such setting. */
-const waam_setting_t *waam_wire_setting(const char *name, size_t length);
 
 #endif

@@ -60,7 +60,6 @@ static double finish(waam_motion_t *motion, const waam_block_t *block, double sp
         motion->steps[i] = block->end[i];
         motion->part[i] = 0;
     }
-    motion->wire_mm += block->wire_per_mm * (block->path.length_mm - motion->done_mm);
     motion->done_mm = 0.0;
     motion->speed_mm_s = speed;
     *finished = true;
@@ -80,7 +79,6 @@ double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, dou
     double distance = 0.5 * (v0 + v1) * dt_s;
     if (distance < left - 1e-9) {
         motion->done_mm += distance;
-        motion->wire_mm += block->wire_per_mm * distance;
         motion->speed_mm_s = v1;
         place(motion, block);
         return dt_s;
@@ -95,37 +93,15 @@ double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, dou
 
 /* ---- looking ahead ---- */
 
-typedef struct {
-    double up_s, flat_s, down_s; /* up or down to the peak, at the peak, down to the exit */
-    double from, peak, exit;     /* speeds */
-} profile_t;
-
-/* The trapezoid from v0 over at most `cruise` to `exit`, or to what can be reached of it, that fills `left` mm. */
-static profile_t trapezoid(double v0, double cruise, double exit, double accel, double left)
+/* Time (s) of the trapezoid from v0 over at most `cruise` to `exit` that fills `left` mm. *exit becomes what can be reached
+ * of it. */
+static double trapezoid(double v0, double cruise, double *exit, double accel, double left)
 {
-    exit = fmin(exit, sqrt(v0 * v0 + 2.0 * accel * left));
-    double reach = sqrt(fmax(0.0, 0.5 * (v0 * v0 + exit * exit) + accel * left));
-    profile_t p = {.from = v0, .peak = fmax(fmin(cruise, reach), 1e-3), .exit = exit};
-    double squares = fabs(p.peak * p.peak - v0 * v0) + fmax(0.0, p.peak * p.peak - exit * exit);
-    p.up_s = fabs(p.peak - v0) / accel;
-    p.down_s = fmax(0.0, p.peak - exit) / accel;
-    p.flat_s = fmax(0.0, left - 0.5 * squares / accel) / p.peak;
-    return p;
-}
-
-static double speed_at(const profile_t *p, double accel, double t)
-{
-    if (t < p->up_s)
-        return p->from + (p->peak > p->from ? accel : -accel) * t;
-    t -= p->up_s + p->flat_s;
-    return t < 0.0 ? p->peak : fmax(p->exit, p->peak - accel * t);
-}
-
-static double distance_at(const profile_t *p, double accel, double t)
-{
-    double up = fmin(t, p->up_s), flat = fmin(fmax(0.0, t - p->up_s), p->flat_s);
-    double down = fmin(fmax(0.0, t - p->up_s - p->flat_s), p->down_s), sign = p->peak > p->from ? 0.5 : -0.5;
-    return up * (p->from + sign * accel * up) + flat * p->peak + down * (p->peak - 0.5 * accel * down);
+    *exit = fmin(*exit, sqrt(v0 * v0 + 2.0 * accel * left));
+    double reach = sqrt(fmax(0.0, 0.5 * (v0 * v0 + *exit * *exit) + accel * left));
+    double peak = fmax(fmin(cruise, reach), 1e-3), down = fmax(0.0, peak - *exit);
+    double squares = fabs(peak * peak - v0 * v0) + fmax(0.0, peak * peak - *exit * *exit);
+    return (fabs(peak - v0) + down) / accel + fmax(0.0, left - 0.5 * squares / accel) / peak;
 }
 
 #define AHEAD_PIECES 16 /* the most that is looked through */
@@ -158,40 +134,31 @@ static pieces_t pieces(const waam_block_t *block, double done, double cruise, do
     return p;
 }
 
-static bool goes_on(const waam_block_t *next) { return next && next->kind == WAAM_BLOCK_MOVE; }
-
-waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s)
+const waam_block_t *waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s)
 {
     const waam_block_t *block = waam_planner_block(planner, 0);
-    double v0 = motion->speed_mm_s, done = motion->done_mm, wire = 0.0;
+    double v0 = motion->speed_mm_s, done = motion->done_mm;
     if (!block || block->kind != WAAM_BLOCK_MOVE)
-        return (waam_ahead_t){.block = block && block->kind == WAAM_BLOCK_DWELL ? block : NULL};
+        return block && block->kind == WAAM_BLOCK_DWELL ? block : NULL;
     for (size_t i = 0, looked = 0; looked < AHEAD_PIECES; i++) {
-        double accel = block->accel_mm_s2;
         pieces_t piece = pieces(block, done, waam_block_cruise(block, planner->override), waam_planner_exit(planner, i));
-        const waam_block_t *next = waam_planner_block(planner, i + 1);
-        bool waits = next && next->kind == WAAM_BLOCK_DWELL, ends = !goes_on(next) && !waits;
         for (int k = 0; k < 3; k++) {
-            double left = piece.length[k];
-            if (left <= 0.0)
+            double exit = piece.exit[k];
+            if (piece.length[k] <= 0.0)
                 continue;
             looked++;
-            profile_t p = trapezoid(v0, piece.cruise[k], piece.exit[k], accel, left);
-            double time = p.up_s + p.flat_s + p.down_s;
-            bool final = ends && piece.length[2] <= 0.0 ? k == 1 : ends && k == 2;
-            if (ahead_s <= time || final)
-                return (waam_ahead_t){block, speed_at(&p, accel, ahead_s),
-                                      wire + block->wire_per_mm * fmin(left, distance_at(&p, accel, ahead_s))};
-            ahead_s -= time;
-            wire += block->wire_per_mm * left;
-            v0 = p.exit;
+            ahead_s -= trapezoid(v0, piece.cruise[k], &exit, block->accel_mm_s2, piece.length[k]);
+            if (ahead_s <= 0.0)
+                return block;
+            v0 = exit;
         }
-        if (waits)
-            return (waam_ahead_t){.block = next, .wire_mm = wire};
-        if (ends)
-            break;
-        done = 0.0;
+        const waam_block_t *next = waam_planner_block(planner, i + 1);
+        if (!next || (next->kind != WAAM_BLOCK_MOVE && next->kind != WAAM_BLOCK_DWELL))
+            return block;
         block = next;
+        if (block->kind == WAAM_BLOCK_DWELL)
+            return block;
+        done = 0.0;
     }
-    return (waam_ahead_t){block, v0, wire};
+    return block;
 }

@@ -11,7 +11,6 @@ typedef struct {
     int64_t datum_steps[WAAM_AXES]; /* steps less pulses given out; homing shifts it */
     double speed_mm_s;        /* along the path */
     double done_mm;           /* of the head block */
-    double wire_mm;           /* length of wire that the path has asked for so far (E) */
 } waam_motion_t;
 
 /* The axis stands at `steps` from now on; nothing moves. */
@@ -21,14 +20,8 @@ void waam_motion_declare(waam_motion_t *motion, int axis, int32_t steps);
 double waam_motion_advance(waam_motion_t *motion, const waam_block_t *block, double limit_mm_s, double exit_mm_s,
                            double dt_s, bool *finished);
 
-/* Where the path will be `ahead_s` from now, if nothing intervenes. */
-typedef struct {
-    const waam_block_t *block; /* a move or a dwell; NULL = nothing moves */
-    double speed_mm_s;
-    double wire_mm;            /* that the path asks for until then (E) */
-} waam_ahead_t;
-
-/* Looks through the profiles of the blocks that follow; 16 at most, fewer where corners are passed slowly. */
-waam_ahead_t waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s);
+/* The block that the path will be in `ahead_s` from now, if nothing intervenes: a move or a dwell; NULL = nothing moves.
+ * Looks through the profiles of the blocks that follow; 16 at most, fewer where corners are passed slowly. */
+const waam_block_t *waam_motion_ahead(const waam_motion_t *motion, const waam_planner_t *planner, double ahead_s);
 
 #endif

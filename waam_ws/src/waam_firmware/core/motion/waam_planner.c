@@ -34,15 +34,9 @@ void waam_planner_pop(waam_planner_t *planner)
 
 void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematics)
 {
-    const waam_kinematics_t *k = kinematics;
-    double wire = fabs(block->wire_per_mm);
     for (int i = 0; i < WAAM_AXES; i++)
-        block->end[i] = (int32_t)lround(block->path.end_mm[i] * k->steps_per_mm[i]);
-    waam_path_limits(&block->path, block->nominal_mm_s, k, &block->ceiling_mm_s, &block->accel_mm_s2);
-    if (wire > 1e-9) {
-        block->ceiling_mm_s = fmin(block->ceiling_mm_s, k->wire_max_mm_s / wire);
-        block->accel_mm_s2 = fmin(block->accel_mm_s2, k->wire_accel_mm_s2 / wire);
-    }
+        block->end[i] = (int32_t)lround(block->path.end_mm[i] * kinematics->steps_per_mm[i]);
+    waam_path_limits(&block->path, block->nominal_mm_s, kinematics, &block->ceiling_mm_s, &block->accel_mm_s2);
 }
 
 /* Speed limit of the corner between two moves.
@@ -50,17 +44,12 @@ void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematic
  * is the smaller of the two blocks'. v^2 = a d s / (1 - s), s = sin(half the angle between the blocks).
  * Moves shorter than that circle leave less room: half of each, v^2 = a l / 2 tan(half the angle), so that a curve made
  * of very short moves is not run faster than the same curve as an arc.
- * A wire that is coupled to the path changes its speed by no more than the jump that the feeder can do.
  * `half`: sine of half the turn. */
 static double junction(const waam_block_t *before, const waam_block_t *after, const waam_kinematics_t *k, double *half)
 {
     double cosine = 0.0, in[WAAM_AXES], out[WAAM_AXES], limit = INFINITY;
-    *half = 1.0;
-    if (before->wire_only || after->wire_only)
-        return 0.0;
     double accel = fmin(before->accel_mm_s2, after->accel_mm_s2);
     double shorter = fmin(before->path.length_mm, after->path.length_mm);
-    double jump = fabs(after->wire_per_mm - before->wire_per_mm);
     waam_path_direction(&before->path, 1.0, in);
     waam_path_direction(&after->path, 0.0, out);
     for (int i = 0; i < WAAM_AXES; i++)
@@ -71,7 +60,7 @@ static double junction(const waam_block_t *before, const waam_block_t *after, co
         double room = 0.5 * shorter * sine / sqrt(1.0 - sine * sine);
         limit = sqrt(accel * fmin(k->junction_deviation_mm * sine / (1.0 - sine), room));
     }
-    return jump > 1e-9 ? fmin(limit, k->wire_jump_mm_s / jump) : limit;
+    return limit;
 }
 
 double waam_block_cruise(const waam_block_t *block, double override)
@@ -143,12 +132,12 @@ static void add_stretches(waam_planner_t *planner, waam_block_t *added)
     const waam_rounding_t *r = &planner->rounding;
     waam_slow_t slow = waam_rounding_slow(r, waam_rounding_corner(r, 1.0f, 0.0f)), none = {.length_mm = 0.0f};
     added->first = added->last = none;
-    if (added->kind == WAAM_BLOCK_MOVE && !added->wire_only) {
+    if (added->kind == WAAM_BLOCK_MOVE) {
         added->last = slow;
         added->first = planner->count == 1 ? slow : none;
         if (added->path.arc)
             added->ceiling_mm_s = fmin(added->ceiling_mm_s, (double)waam_rounding_curve(r, (float)added->path.radius_mm));
-    } else if (added->kind != WAAM_BLOCK_MOVE && planner->count > 1) {
+    } else if (planner->count > 1) {
         at(planner, planner->count - 2)->last = none;
     }
 }
@@ -164,8 +153,7 @@ static void join(waam_planner_t *planner, waam_block_t *added, double half)
     waam_slow_t slow = waam_rounding_slow(r, corner);
     if (r->allowed_mm <= 0.0f)
         return;
-    added->first = added->wire_only ? added->first : slow;
-    before->last = before->wire_only ? before->last : slow;
+    added->first = before->last = slow;
     added->junction_mm_s = fmin(added->junction_mm_s, (double)corner);
     if (i > 0 && before->junction_mm_s > 0.0)
         before->entry_max_mm_s = entry_max(planner, at(planner, i - 1), before);

@@ -12,7 +12,6 @@ typedef enum {
     WAAM_BLOCK_ARC_START,
     WAAM_BLOCK_ARC_END,
     WAAM_BLOCK_GAS,
-    WAAM_BLOCK_PAUSE,
     WAAM_BLOCK_FINISH
 } waam_block_kind_t;
 
@@ -21,15 +20,11 @@ typedef struct {
     bool jog;
     uint32_t line;              /* last line that is done when this block is; 0 = none */
     double wire_mm_s, voltage_v;/* in force from the start of this block */
-    bool coupled;               /* the wire follows the path: wire_per_mm instead of wire_mm_s */
     waam_gas_t gas;             /* from the start of this block; of an arc end, from its end */
-    waam_modal_t after;         /* in force when this block is done */
     double dwell_s;
     /* moves */
     waam_path_t path;
     int32_t end[WAAM_AXES];     /* steps */
-    double wire_per_mm;         /* mm of wire per mm of path */
-    bool wire_only;             /* no axis moves: the path is the length of wire */
     double nominal_mm_s;        /* before the override */
     double ceiling_mm_s;        /* the axes allow no more, whatever the override */
     double accel_mm_s2;
@@ -60,7 +55,7 @@ waam_block_t *waam_planner_head(waam_planner_t *planner);
 waam_block_t *waam_planner_tail(waam_planner_t *planner);
 /* The head is done. */
 void waam_planner_pop(waam_planner_t *planner);
-/* Completes a move from its path, nominal speed and wire per mm: end in steps and limits. */
+/* Completes a move from its path and nominal speed: end in steps and limits. */
 void waam_block_complete(waam_block_t *block, const waam_kinematics_t *kinematics);
 /* Appends a block (there must be a free one), works out its corner and plans again. */
 void waam_planner_push(waam_planner_t *planner, const waam_block_t *block, const waam_kinematics_t *kinematics);

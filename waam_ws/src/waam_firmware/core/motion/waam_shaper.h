@@ -42,10 +42,10 @@ typedef struct {
     uint32_t still;             /* ticks without motion, up to WAAM_SHAPER_PAST */
 } waam_shaper_t;
 
-/* By name: shape_x, shape_x_hz, shape_x_damping, those of y, shape_corner_mm; NULL = no such setting. */
-const waam_setting_t *waam_shaper_setting(const char *name, size_t length);
 waam_shaper_config_t waam_shaper_default(void);
 const char *waam_shaper_name(uint32_t type);
+/* Places in waam_shaper_config_t: names and ranges. */
+extern const waam_setting_t waam_shaper_settings[];
 
 waam_impulses_t waam_shaper_impulses(const waam_shaper_axis_t *axis);
 /* Replaces the shaper; the machine stands. `delay_most_s`: greatest mean delay allowed. NULL, or why the settings cannot be

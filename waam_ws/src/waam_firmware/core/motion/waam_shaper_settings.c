@@ -5,7 +5,7 @@
 #define TYPE(name, axis) {name, 0.0f, (float)(WAAM_SHAPER_TYPES - 1), WAAM_SETTING_WHOLE, AT(axis.type)}
 #define NUMBER(name, field, low, high) {name, low, high, WAAM_SETTING_FLOAT, AT(field)}
 
-static const waam_setting_t list[] = {
+const waam_setting_t waam_shaper_settings[] = {
     TYPE("shape_x", axis[0]),
     NUMBER("shape_x_hz", axis[0].hz, 5.0f, 200.0f),
     NUMBER("shape_x_damping", axis[0].damping, 0.0f, 0.2f),
@@ -13,12 +13,8 @@ static const waam_setting_t list[] = {
     NUMBER("shape_y_hz", axis[1].hz, 5.0f, 200.0f),
     NUMBER("shape_y_damping", axis[1].damping, 0.0f, 0.2f),
     NUMBER("shape_corner_mm", corner_mm, 0.005f, 1.0f),
+    {0}, /* ends the list */
 };
-
-const waam_setting_t *waam_shaper_setting(const char *name, size_t length)
-{
-    return waam_setting_find(list, sizeof list / sizeof list[0], name, length);
-}
 
 waam_shaper_config_t waam_shaper_default(void)
 {

@@ -56,10 +56,9 @@ void waam_wire_tick(waam_wire_t *wire, double wanted_mm_s, const waam_config_t *
     bool jogging = waam_wire_jogging(wire);
     double change = config->wire_accel_mm_s2 * dt_s, before = wire->speed_mm_s;
     double target = jogging ? jog_target(wire, config->wire_accel_mm_s2, dt_s)
-                            : lead(wire, wanted_mm_s + wire->free_mm_s, config);
+                            : lead(wire, wanted_mm_s, config);
     wire->speed_mm_s = fmax(before - change, fmin(before + change, target));
     double mean = 0.5 * (before + wire->speed_mm_s);
-    wire->fed_mm += mean * dt_s / fmax(wire->override, 0.1);
     wire->motor_mm_s += (mean - wire->motor_mm_s) * fmin(1.0, dt_s / fmax(config->wire_lag_s, dt_s));
     if (jogging)
         jog(wire, mean * dt_s);

@@ -15,10 +15,6 @@
 typedef struct {
     double speed_mm_s;      /* commanded now */
     double motor_mm_s;      /* what the motor is taken to do */
-    double fed_mm;          /* fed so far, of a wire that is coupled to the path */
-    double override;        /* factor in force on what is fed */
-    double free_mm_s;       /* besides what the arc asks for */
-    double resting_mm_s;    /* for a coupled wire while the path stands (strike, crater); 0 = not known yet */
     double jog_left_mm;     /* signed; 0 = no jog */
     double jog_speed_mm_s;
 } waam_wire_t;

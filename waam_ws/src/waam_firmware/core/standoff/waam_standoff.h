@@ -87,10 +87,8 @@ const char *waam_standoff_text(const waam_standoff_t *s);
 /* ---- settings (waam_standoff_settings.c) ---- */
 
 waam_standoff_config_t waam_standoff_default(void);
-
-#define WAAM_STANDOFF_SETTINGS 31
-/* By its name; NULL = there is none. */
-const waam_setting_t *waam_standoff_setting(const char *name, size_t length);
+/* Places in waam_standoff_config_t: names and ranges. */
+extern const waam_setting_t waam_standoff_settings[];
 /* NULL, or the setting that is out of its range or does not fit the source. */
 const waam_setting_t *waam_standoff_check(const waam_standoff_config_t *c);
 

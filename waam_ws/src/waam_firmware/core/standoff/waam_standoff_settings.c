@@ -4,7 +4,7 @@
 #define NUMBER(name, low, high) {#name, low, high, WAAM_SETTING_FLOAT, AT(name)}
 #define WHOLE(name, low, high) {#name, low, high, WAAM_SETTING_WHOLE, AT(name)}
 
-static const waam_setting_t list[WAAM_STANDOFF_SETTINGS] = {
+const waam_setting_t waam_standoff_settings[] = {
     WHOLE(source, 0.0f, 3.0f),
     WHOLE(law, 0.0f, 1.0f),
     NUMBER(set_mm, 5.0f, 400.0f),
@@ -36,12 +36,8 @@ static const waam_setting_t list[WAAM_STANDOFF_SETTINGS] = {
     NUMBER(arc_fall_a_per_v, 0.0f, 50.0f),
     NUMBER(arc_wander_mm, 0.0f, 5.0f),
     NUMBER(arc_rise_mm2_s, 1e-4f, 10.0f),
+    {0}, /* ends the list */
 };
-
-const waam_setting_t *waam_standoff_setting(const char *name, size_t length)
-{
-    return waam_setting_find(list, WAAM_STANDOFF_SETTINGS, name, length);
-}
 
 /* The values for a laser of 0.01 mm; those of the others are in the README. */
 waam_standoff_config_t waam_standoff_default(void)
@@ -83,15 +79,14 @@ waam_standoff_config_t waam_standoff_default(void)
 
 const waam_setting_t *waam_standoff_check(const waam_standoff_config_t *c)
 {
-    for (size_t i = 0; i < WAAM_STANDOFF_SETTINGS; i++) {
-        const waam_setting_t *setting = &list[i];
+    for (const waam_setting_t *setting = waam_standoff_settings; setting->name; setting++) {
         double value = waam_setting_get(setting, c);
         if (!(value >= (double)setting->lowest && value <= (double)setting->highest))
             return setting;
     }
     if (c->source == WAAM_STANDOFF_INFRARED && c->set_mm < 35.0f)
-        return waam_standoff_setting("set_mm", 6);
+        return waam_setting_find(waam_standoff_settings, "set_mm", 6);
     if (c->source == WAAM_STANDOFF_ARC && c->down_mm > 0.5f * c->set_mm)
-        return waam_standoff_setting("down_mm", 7); /* else a wrong current could lead the torch into the metal */
+        return waam_setting_find(waam_standoff_settings, "down_mm", 7); /* else a wrong current could lead the torch into the metal */
     return NULL;
 }

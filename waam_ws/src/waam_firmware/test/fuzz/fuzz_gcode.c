@@ -44,7 +44,7 @@ static void require_numbers(const char *line, size_t length)
         memcpy(text, line + i, cursor.at - i);
         text[cursor.at - i] = '\0';
         expected = strtod(text, NULL);
-        REQUIRE(memcmp(&value, &expected, sizeof value) == 0, "value of a number");
+        REQUIRE(fabs(value - expected) < 1.1e-9 + 1e-15 * fabs(expected), "value of a number");
     }
 }
 

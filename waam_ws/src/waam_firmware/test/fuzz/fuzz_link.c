@@ -1,7 +1,7 @@
 /* The link alone, against a model of its own: what is taken out is what was put in, in order, each line once. One record per
  * line of the input, chosen by its first byte:
  *
- *     s S x<text>  sealed with CRC-16, CRC-32 or XOR-8          n<text>  the same (CRC-32), after the number that is expected
+ *     s S<text>    sealed with CRC-16 or CRC-32                 n<text>  the same (CRC-32), after the number that is expected
  *     p            take the oldest line out and accept it      b        refuse it: nothing more until resynchronised
  *     r<digits>    resynchronise                               i        identified with a CRC-32, as a native host
  *     other        the bytes as they are, with the line feed
@@ -80,17 +80,8 @@ static void feed_sealed(char how, const char *text, size_t count)
 {
     waam_text_t line = {.length = 0};
     waam_text_bytes(&line, text, count < WAAM_LINE_MAX - 12 ? count : WAAM_LINE_MAX - 12);
-    if (how != 'x') {
-        waam_text_seal(&line, how == 'S');
-        feed_line(line.text, line.length - 1);
-        return;
-    }
-    unsigned parity = 0;
-    for (size_t i = 0; i < line.length; i++)
-        parity ^= (uint8_t)line.text[i];
-    waam_text_char(&line, '*');
-    waam_text_uint(&line, parity);
-    feed_line(line.text, line.length);
+    waam_text_seal(&line, how == 'S');
+    feed_line(line.text, line.length - 1);
 }
 
 static void feed_next(const char *text, size_t count)
@@ -129,8 +120,7 @@ static void record(const char *text, size_t count)
 {
     switch (count ? text[0] : '\0') {
     case 's':
-    case 'S':
-    case 'x': feed_sealed(text[0], text + 1, count - 1); break;
+    case 'S': feed_sealed(text[0], text + 1, count - 1); break;
     case 'n': feed_next(text + 1, count - 1); break;
     case 'p': take(); break;
     case 'b': waam_link_block(&bench.link, count > 1); bench.got = bench.put; break;
