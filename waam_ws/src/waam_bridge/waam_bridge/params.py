@@ -16,6 +16,7 @@ from .program import Limits
 OF_SOURCE = 'NaN = what fits the source'
 OF_BOARD = 'NaN = as in the controller'
 NAN = math.nan
+WINDOW = 2048  # bytes: the controller's buffer
 _standoff = partial(param, changeable=True)
 
 
@@ -27,21 +28,8 @@ class CommonParams:
     stop_socket: str = param(
         '', 'Unix socket for STOP and HOLD past everything (waam_node.stop_socket); empty = none'
     )
-    baud: int = param(
-        921600,
-        'rate of a true UART, 0 = the one that answers; USB-CDC and pseudo-terminals ignore it',
-        'Bd',
-    )
     telemetry_rate: float = param(
         100.0, 'frames per second of controller time that the controller sends', 'Hz', 10.0, 1000.0
-    )
-    window: int = param(
-        2048,
-        "most bytes under way to the controller, within its buffer; at a UART's rate this bounds how long an "
-        'override waits behind segments',
-        'B',
-        256,
-        65535,
     )
     speed_max: float = param(0.5, 'highest speed with the arc off', 'm/s', 0.001, 2.0)
     arc_speed_min: float = param(0.003, 'lowest travel speed with the arc on', 'm/s', 1e-4, 0.1)
@@ -51,6 +39,41 @@ class CommonParams:
     voltage_min: float = param(12.0, 'lowest voltage of the source', 'V', 0.0, 100.0)
     voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
     csv_log: str = param('', "file of the operator's CSV log; empty = none")
+
+    def __post_init__(self) -> None:
+        for name in ('arc_speed', 'wire_feed', 'voltage'):
+            low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
+            if low > high:
+                text = f"parameter '{name}_min' is {low:g}, above '{name}_max' {high:g}"
+                raise ParameterError(text)
+
+    @property
+    def window(self) -> int:
+        """Most bytes under way to the controller, within its buffer: an override waits behind them."""
+        return WINDOW
+
+    def limits(self, box_mm: tuple[float, ...]) -> Limits:
+        """With the limits of the axes as the controller reported them: x0, y0, z0, x1, y1, z1, mm, machine."""
+        x0, y0, z0, x1, y1, z1 = (mm(v) for v in box_mm)
+        return Limits(
+            low=(x0, y0, z0),
+            high=(x1, y1, z1),
+            speed_max=self.speed_max,
+            arc_speed=(self.arc_speed_min, self.arc_speed_max),
+            wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),
+            voltage=(self.voltage_min, self.voltage_max),
+        )
+
+
+@dataclass(frozen=True)
+class BridgeParams(CommonParams):
+    """Those of the gantry and its controller board, which a cable joins: a robot has none of them."""
+
+    baud: int = param(
+        921600,
+        'rate of a true UART, 0 = the one that answers; USB-CDC and pseudo-terminals ignore it',
+        'Bd',
+    )
     accelerometer_axes: str = param(
         'x y z',
         "axes of the accelerometer that lie along x, y and z of the machine, such as '-y x z'",
@@ -99,35 +122,6 @@ class CommonParams:
         0.0,
         5e-3,
     )
-
-    def __post_init__(self) -> None:
-        try:
-            mounting(self.accelerometer_axes)
-        except ValueError as e:
-            raise ParameterError(f"parameter 'accelerometer_axes': {e}") from None
-        for name in ('arc_speed', 'wire_feed', 'voltage'):
-            low, high = getattr(self, f'{name}_min'), getattr(self, f'{name}_max')
-            if low > high:
-                text = f"parameter '{name}_min' is {low:g}, above '{name}_max' {high:g}"
-                raise ParameterError(text)
-
-    def limits(self, box_mm: tuple[float, ...]) -> Limits:
-        """With the limits of the axes as the controller reported them: x0, y0, z0, x1, y1, z1, mm, machine."""
-        x0, y0, z0, x1, y1, z1 = (mm(v) for v in box_mm)
-        return Limits(
-            low=(x0, y0, z0),
-            high=(x1, y1, z1),
-            speed_max=self.speed_max,
-            arc_speed=(self.arc_speed_min, self.arc_speed_max),
-            wire_feed_speed=(self.wire_feed_min, self.wire_feed_max),
-            voltage=(self.voltage_min, self.voltage_max),
-        )
-
-
-@dataclass(frozen=True)
-class BridgeParams(CommonParams):
-    """Those of the gantry and its controller board: a robot has neither."""
-
     envelope_x: float = param(NAN, f'travel of the axis from 0; {OF_BOARD}', 'm', 0.05, 3.5)
     envelope_y: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
     envelope_z: float = param(NAN, f'of this axis; {OF_BOARD}', 'm', 0.05, 3.5)
@@ -187,6 +181,15 @@ class BridgeParams(CommonParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        try:
+            mounting(self.accelerometer_axes)
+        except ValueError as e:
+            raise ParameterError(f"parameter 'accelerometer_axes': {e}") from None
         if not self.temperature_low < self.temperature_high:
             text = f"parameter 'temperature_high' is {self.temperature_high:g}, not above 'temperature_low'"
             raise ParameterError(text)
+
+    @property
+    def window(self) -> int:
+        """As many as a UART sends in 22 ms, ten bits a byte; USB takes less than 1 ms for all."""
+        return min(WINDOW, max(256, round(self.baud * 22e-4))) if self.baud else WINDOW

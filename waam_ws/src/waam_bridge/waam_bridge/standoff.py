@@ -10,7 +10,7 @@ from waam_process.units import mm, to_mm
 
 from . import frames
 from .machine import Machine
-from .params import CommonParams
+from .params import BridgeParams, CommonParams
 from .settings import ControllerSettings, Setting
 
 PERIOD_US = 50_000  # between two lines that are published
@@ -33,9 +33,9 @@ OF_SOURCE = {
 
 def settings(p: CommonParams) -> list[Setting]:
     """What is sent, in this order: off first and the source last, so that the controller judges the whole of it."""
-    source = STANDOFF_SOURCES.index(p.standoff_source)
-    if source == 0:
+    if not isinstance(p, BridgeParams) or p.standoff_source == STANDOFF_SOURCES[0]:
         return [('source', 0.0)]
+    source = STANDOFF_SOURCES.index(p.standoff_source)
     chosen = {
         'set_mm': to_mm(p.standoff_set),
         'dead_mm': to_mm(p.standoff_dead_band),

@@ -31,8 +31,9 @@ GONE = {
         'scanner_points', 'scanner_rate', 'horizon', 'period', 'point_step', 'identity', 'require_controller',
         'identify_timeout', 'silence_timeout', 'reconnect_period', 'queue_size', 'dwell_max', 'process_timeout',
         'poll_period', 'discovery_period', 'metadata_period', 'split_time', 'close_timeout', 'memory_mb',
+        'variation_efficiency_per_layer', 'delivered_current_offset',
     )
-}  # fmt: skip
+} | {'window': 'it follows from `baud`'}  # fmt: skip
 
 
 class ParameterError(ValueError):

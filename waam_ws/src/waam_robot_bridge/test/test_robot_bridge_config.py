@@ -28,6 +28,7 @@ def test_the_readme_has_the_parameter_table():
     ('values', 'named'),
     [
         ({'joint_names': ('a', 'b')}, "'joint_names' has 2 values, needs 8"),
+        ({'standoff_source': 'arc'}, "unknown parameter 'standoff_source'"),  # the gantry's alone
         ({'origin': (0.0,)}, "'origin' has 1 values, needs 3"),
         ({'joint_speed_max': (1.0,) * 7 + (0.0,)}, "'joint_speed_max'"),
         ({'joint_jerk_max': (1.0,) * 7 + (0.0,)}, "'joint_jerk_max'"),

@@ -34,7 +34,7 @@ def turning_of(values: Sequence[float]) -> Turning:
 
 @dataclass(frozen=True)
 class RobotParams(CommonParams):
-    """Defaults fit the simulated robot cell. `baud` and `window` mean nothing here: there is no cable."""
+    """Defaults fit the simulated robot cell."""
 
     port: str = param('robot', 'what machine_state shows as its port')
     positioner: tuple = param(

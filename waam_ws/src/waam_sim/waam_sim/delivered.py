@@ -46,7 +46,7 @@ class DeliveredParams:
     current_scale: float = param(
         1.0, 'current that is read over the true one; negative = upside down', '', -2.0, 2.0
     )
-    current_offset: float = param(0.0, 'current that is read without any', 'A', -100.0, 100.0)
+    current_offset: float = 0.0  # current that is read without any [A]
     voltage_scale: float = param(1.0, 'voltage that is read over the true one', '', -2.0, 2.0)
     thermocouple_swapped: bool = param(False, 'its wires are swapped: heat reads as cold')
     scanner_x: float = param(0.0, 'by which the scanner sits beside its drawing', 'm', -0.02, 0.02)
