@@ -8,10 +8,6 @@ seed) and `shape.time_ratio`, on the preset that users get. On `gentle` they are
 edge is judged. `shape.parts_worst_mm`: worst mean RMS of the six parts of `waam_lab.parts`. `shape.unseen_rms_mm`,
 `shape.unseen_worst_mm`: mean and worst RMS of twenty parts of random shape, size and wear that nothing was chosen on
 (`waam_lab.parts.random_part`, seed 1); baseline: law `damped_inverse`.
-`shape.unforeseeable_mm`: what no correction can take away on this cell: RMS over the judged cells of what the jaw's
-last layer differs by between jobs that are the same before it and meet new random numbers in it (`lib/bound.py`, three
-seeds, four copies; baseline: RMS of those jobs). `shape.unforeseeable_known_mm`: the same for someone who knows every
-number that the scatter of the last layer has in common with the layers below.
 
 Baselines are version 0.1 on its seeds 1, 2, 3, 7 and 11 (equal layers of 2 mm, pitch 0.73), and the same jobs without
 correction. Settings were chosen on seeds 101 to 106 and 201 to 206; the seeds here are for reporting only.
@@ -37,7 +33,6 @@ from waam_process.operating import DEFAULT_PRESET
 
 SEEDS = tuple(range(1, 21))
 FEW = (1, 2, 3, 4, 5)
-BOUND_SEEDS, COPIES = (21, 22, 23), 4
 UNSEEN = tuple(range(61, 81))  # numbers of random parts
 EXPLICIT = 'damped_inverse'
 OLD = 'version 0.1, gentle, five seeds'
@@ -136,23 +131,10 @@ def unseen() -> None:
         emit(f'shape.unseen_{name}_mm', float(value[0]), 'mm', f'law {EXPLICIT}', float(value[1]))
 
 
-def unforeseeable() -> None:
-    from lib.bound import foreseen
-
-    for name, kept in (('unforeseeable', False), ('unforeseeable_known', True)):
-        on = preset(DEFAULT_PRESET)
-        found = [foreseen(jaw_job(preset=on, seed=s), COPIES, kept) for s in seeds(BOUND_SEEDS)]
-        scatter, rms = (
-            1e3 * float(np.sqrt(np.mean(np.square(v)))) for v in zip(*found, strict=True)
-        )
-        emit(f'shape.{name}_mm', scatter, 'mm', 'RMS of the jobs', rms, on)
-
-
 ON_JAW = (
     'in_tolerance_share', 'rms_mean_mm', 'rms_worst_mm', 'rms_edges_mm', 'largest_mm', 'level_worst_mm', 'time_ratio',
 )  # fmt: skip
 FIGURES = {
     **{f'shape.{on}{name}': jaw for on in ('', 'gentle_') for name in ON_JAW},
     'shape.parts_worst_mm': of_parts, 'shape.unseen_rms_mm': unseen, 'shape.unseen_worst_mm': unseen,
-    'shape.unforeseeable_mm': unforeseeable, 'shape.unforeseeable_known_mm': unforeseeable,
 }  # fmt: skip

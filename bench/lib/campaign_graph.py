@@ -21,7 +21,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .job_part import SEED, goal, write_part
+import numpy as np
+
 from .live_graph import LiveGraph
 from .node import memory_mb
 from .preset import preset
@@ -35,6 +36,27 @@ WORDS = {
     'bridge': ('telemetry', 'bridge'),
 }
 DONE, FAILED = 'DONE', ('FAILED', 'INTERRUPTED', 'ABORTED')
+
+SEED = 7
+LENGTH, WIDTH, HEIGHT, DEPTH = 36.0, 30.0, 12.0, 4.0  # mm, of the part
+
+
+def write_part(folder: Path) -> tuple[Path, Path]:
+    """Nominal and worn mesh."""
+    from waam_node.stl import write_worn_block
+
+    x, y = np.linspace(0, LENGTH, 37), np.linspace(0, WIDTH, 31)
+    gx, gy = np.meshgrid(x, y)
+    away = np.maximum(np.abs(gx - LENGTH / 2) / 15, np.abs(gy - WIDTH / 2) / 12)
+    return write_worn_block(folder, x, y, HEIGHT, DEPTH * np.clip(1.5 - 1.5 * away, 0, 1))
+
+
+def goal(part: Path, jobs: Path, **fields):
+    """Of the action; k_gain as the correction server wants it."""
+    from waam_msgs.action import RunJob
+
+    values = {'name': 'bench', 'mode': 'restore', 'k_gain': float('nan'), 'fresh': True, **fields}
+    return RunJob.Goal(part=str(part), jobs_dir=str(jobs), **values)
 
 
 class Graph:

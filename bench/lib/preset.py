@@ -8,9 +8,7 @@ from waam_process.operating import check_preset
 
 from .emit import emit
 
-USUAL = (
-    'gentle'  # what the figures of docs/ and their baselines were measured on, unless they say so
-)
+USUAL = 'gentle'  # of the figures in docs/ and their baselines, unless they say so
 
 
 def preset(usual: str = USUAL) -> str:

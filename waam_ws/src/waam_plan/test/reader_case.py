@@ -1,4 +1,4 @@
-"""One case of the readers: a file made here, and what is right for it. Judged in tests and in `bench_reader.py`."""
+"""One case of the readers: a file made here, and what is right for it."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def fault(case: Case, folder: Path) -> str:
             return f'refused: {error}'
         missing = [w for w in case.words if not re.search(w, str(error), re.S)]
         return f'{missing} not in: {error}' if missing else ''
-    except Exception as error:  # every other is a defect, which the benchmark counts
+    except Exception as error:  # every other is a defect
         return f'{type(error).__name__}: {error}'
     if case.refused:
         return f'read, must be refused for {case.words}; notes: {notes}'

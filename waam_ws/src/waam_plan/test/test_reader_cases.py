@@ -1,4 +1,4 @@
-"""Every case of the readers: read as it is, or refused by the true cause. `bench_reader.py` counts the same ones."""
+"""Every case of the readers: read as it is, or refused by the true cause."""
 
 from __future__ import annotations
 
