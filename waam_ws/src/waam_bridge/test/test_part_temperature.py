@@ -10,9 +10,10 @@ from bridge_fake_controller import sealed
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waam_bridge import commands, conversions, frames, parsing, requests
+from waam_bridge import commands, frames, parsing, requests
 from waam_bridge.outbox import FAULT, INFO, WARNING
 from waam_bridge.params import BridgeParams
+from waam_node.conversions import temperature_to_msg
 from waam_node.params import ParameterError, from_dict
 
 
@@ -49,10 +50,10 @@ def test_a_reading_becomes_a_message_and_an_unknown_one_nan():
     cell = Cell(Able('TEMPERATURE'), temperature_input='0-10V').ready()
     known, torn = told(cell, '0,312400', '1,')
     assert known == frames.PartTemperature(10**6, 0, 312.4)
-    msg = conversions.temperature(known.celsius, 5_000_000_001)
+    msg = temperature_to_msg(known.celsius, 5_000_000_001)
     assert (msg.temperature, msg.variance, msg.header.frame_id) == (312.4, 0.0, 'work')
     assert (msg.header.stamp.sec, msg.header.stamp.nanosec) == (5, 1)
-    assert math.isnan(conversions.temperature(torn.celsius, 1).temperature)
+    assert math.isnan(temperature_to_msg(torn.celsius, 1).temperature)
 
 
 def test_what_is_unknown_is_named_once_and_so_is_its_return():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from sensor_msgs.msg import Range, Temperature
+from sensor_msgs.msg import Range
 
 from waam_msgs.msg import (
     AccelerationBatch,
@@ -17,7 +17,7 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_node import cdr
-from waam_node.conversions import to_msg
+from waam_node.conversions import stamp_ns, to_msg
 from waam_process.names import CONTROLLER_STATES
 from waam_process.units import mm
 
@@ -32,12 +32,6 @@ NAN = float('nan')
 SENSOR_RANGE = {  # m that the controller takes for a distance
     Standoff.SOURCE_LASER: (0.005, 0.4), Standoff.SOURCE_INFRARED: (0.035, 0.4),
 }  # fmt: skip
-
-
-def stamp_ns(ns: int) -> Time:
-    """ROS time in ns."""
-    sec, nanosec = divmod(ns, 1_000_000_000)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 def wire_feed(flags: int, commanded_um_s: int, measured_um_s: int) -> int:
@@ -104,11 +98,6 @@ def distance(s: frames.Standoff, ros_ns: int) -> Range | None:
         Range, stamp=stamp_ns(ros_ns), frame='standoff_sensor', radiation_type=Range.INFRARED, field_of_view=0.02,
         min_range=low, max_range=high, range=s.measured_um * 1e-6 if s.known else NAN,
     )  # fmt: skip
-
-
-def temperature(celsius: float, ros_ns: int) -> Temperature:
-    """Of the part, degC, NaN = unknown; its variance is left unknown (0). ros_ns: ROS time of the reading."""
-    return to_msg(Temperature, stamp=stamp_ns(ros_ns), frame='work', temperature=celsius)
 
 
 def segment_done(mark: Mark, stamp: Time) -> SegmentDone:

@@ -12,10 +12,9 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from waam_node import qos
-from waam_node.conversions import transform_to_msg
+from waam_node.conversions import stamp_ns, transform_to_msg
 from waam_process.units import mm
 
-from .conversions import stamp_ns
 from .core import Bridge
 from .frame_tree import AXES, Placed, Tree, gantry_urdf, work_frames
 

@@ -20,6 +20,7 @@ from waam_msgs.msg import (
     Telemetry,
 )
 from waam_node import qos
+from waam_node.conversions import stamp_ns, temperature_to_msg
 
 from . import conversions, frames
 from .core import Bridge
@@ -114,7 +115,7 @@ class Publishers:
         """ROS time of the last telemetry, or now."""
         link = self._core.link
         if link.telemetry and link.clock.ready:
-            return conversions.stamp_ns(link.clock.to_ros_ns(link.telemetry.t_us))
+            return stamp_ns(link.clock.to_ros_ns(link.telemetry.t_us))
         return self._node.get_clock().now().to_msg()
 
     def _publish_state(self, stamp: Time) -> None:
@@ -131,7 +132,7 @@ class Publishers:
         if self._temperature is None:
             self._temperature = self._node.create_publisher(Temperature, 'temperature', qos.BEAT)
         ros_ns = self._core.link.clock.to_ros_ns(found.t_us)
-        self._send(self._temperature, conversions.temperature(found.celsius, ros_ns))
+        self._send(self._temperature, temperature_to_msg(found.celsius, ros_ns))
 
     def _publish_notice(self, notice: Notice, stamp: Time) -> None:
         self._send(self._anomaly, conversions.anomaly(self._core, notice, stamp))

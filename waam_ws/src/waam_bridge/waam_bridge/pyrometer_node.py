@@ -12,10 +12,10 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import Float32, Float64
 
 from waam_node import qos
+from waam_node.conversions import temperature_to_msg
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as node_main
 
-from . import conversions
 from .instruments import Reader, instrument
 from .pyrometer import TOPIC, PyrometerParams, Reading, address, judged, unknown
 
@@ -113,7 +113,7 @@ class PyrometerNode(WaamNode):
     def _publish(self, reading: Reading) -> None:
         try:
             ros_ns = self.get_clock().now().nanoseconds
-            self._publisher.publish(conversions.temperature(reading.celsius, ros_ns))
+            self._publisher.publish(temperature_to_msg(reading.celsius, ros_ns))
         except Exception:
             if self.context.ok():  # else the node ends
                 raise

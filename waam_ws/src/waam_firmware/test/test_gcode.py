@@ -201,5 +201,3 @@ def test_any_line_is_taken_or_refused(run):
             assert 0 < speed <= 1000
 
     words()
-
-

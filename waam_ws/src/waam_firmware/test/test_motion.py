@@ -316,5 +316,3 @@ def test_silent_host_stops_the_motion(client, controller):
     client.heartbeat = True
     client.ask('$R')
     client.wait(lambda: client.frame['x_um'] == 300_000)
-
-

@@ -45,7 +45,9 @@ def same(read, text: str) -> None:
     else:
         digits = text.lstrip('+-0').replace('.', '')
         exact = len(digits) <= 15 and len(text.partition('.')[2]) <= 9
-        assert got[0] == expected if exact else abs(got[0] - expected) < 1.1e-9 + 4e-16 * abs(expected), text
+        assert (
+            got[0] == expected if exact else abs(got[0] - expected) < 1.1e-9 + 4e-16 * abs(expected)
+        ), text
         assert got[1] == len(text)
         assert math.copysign(1.0, got[0]) == math.copysign(1.0, expected)
 

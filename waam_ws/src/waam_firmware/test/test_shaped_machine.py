@@ -236,5 +236,3 @@ def test_the_wire_changes_where_the_shaped_motion_is():
     print(errors)
     assert errors[1][0] <= errors[0][0] + 0.1 and errors[1][1] <= errors[0][1] + 0.1
     assert errors[0][1] < 5.0
-
-

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Temperature
 from std_msgs.msg import Header
 
 from waam_msgs.msg import BeadPaths, GridInfo
@@ -151,10 +151,20 @@ def segment_from_msg(msg: SegmentMsg) -> Segment:
     return from_msg(Segment, msg, kind=Kind(msg.kind), clamps=Clamp(msg.clamps))
 
 
+def stamp_ns(ns: int) -> Time:
+    """ROS time in ns."""
+    sec, nanosec = divmod(ns, 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
+
+
 def time_to_msg(seconds: float) -> Time:
     """Seconds, rounded to the nearest nanosecond."""
-    ns = round(seconds * 1e9)
-    return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+    return stamp_ns(round(seconds * 1e9))
+
+
+def temperature_to_msg(celsius: float, ros_ns: int) -> Temperature:
+    """Of the part, degC, NaN = unknown; its variance is left unknown (0). ros_ns: ROS time of the reading."""
+    return to_msg(Temperature, stamp=stamp_ns(ros_ns), frame='work', temperature=celsius)
 
 
 def seconds(stamp: Time) -> float:

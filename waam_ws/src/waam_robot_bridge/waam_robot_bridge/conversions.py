@@ -12,6 +12,8 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from waam_node.conversions import nanoseconds, stamp_ns
+
 from .goals import Goal
 from .weld import ARC, GAS
 
@@ -33,20 +35,15 @@ class WeldReading:
     distance_reading: int = 0
 
 
-def time_from_us(us: int) -> Time:
-    """us of ROS time."""
-    return Time(sec=us // 1_000_000, nanosec=us % 1_000_000 * 1000)
-
-
 def us_from_time(stamp: Time) -> int:
     """us of ROS time."""
-    return stamp.sec * 1_000_000 + stamp.nanosec // 1000
+    return nanoseconds(stamp) // 1000
 
 
 def goal_to_msg(goal: Goal, names: Sequence[str]) -> FollowJointTrajectory.Goal:
     """Positions and speeds of every point; the trajectory begins at the goal's start."""
     trajectory = JointTrajectory(joint_names=list(names))
-    trajectory.header.stamp = time_from_us(goal.start_us)
+    trajectory.header.stamp = stamp_ns(1000 * goal.start_us)
     for t, joints, rates in zip(goal.time, goal.joints, goal.rates, strict=True):
         point = JointTrajectoryPoint(positions=joints.tolist(), velocities=rates.tolist())
         ns = round(float(t) * 1e9)
@@ -61,7 +58,7 @@ def outputs_to_msg(sample: np.void, time_us: int) -> DynamicInterfaceGroupValues
     values = [bits & ARC != 0, bits & GAS != 0, sample['wire_cmd'], sample['voltage_set']]
     one = InterfaceValue(interface_names=list(OUTPUTS), values=[float(v) for v in values])
     msg = DynamicInterfaceGroupValues(interface_groups=[WELDING], interface_values=[one])
-    msg.header.stamp = time_from_us(time_us)
+    msg.header.stamp = stamp_ns(1000 * time_us)
     return msg
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from typing import TypeVar
 
 import numpy as np
@@ -10,16 +9,15 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import LaserScan, PointCloud2
-from std_msgs.msg import Header
 
 from waam_msgs.msg import GridInfo, HeightMap, ProfileBatch
 from waam_msgs.srv import BeginScan, FinishScan
 from waam_node.conversions import (
-    floats,
     grid_from_msg,
-    grid_to_msg,
     nanoseconds,
     paths_from_msg,
+    stamp_ns,
+    to_msg,
     transform_to_msg,
 )
 from waam_process.grid import GridError, GridSpec
@@ -99,13 +97,11 @@ def laid_beads(request: BeginScan.Request) -> LaidBeads:
 
 def map_to_msg(session: Session, found: ScanMap) -> HeightMap:
     """The map of a scan, stamped with its newest used profile; plausible when there are no doubts."""
-    header = Header(frame_id='work')
-    header.stamp.sec, header.stamp.nanosec = divmod(session.newest_used_ns or 0, 1_000_000_000)
     fused, counts, width = found.fused, session.counts, found.width
-    return HeightMap(
-        header=header, job_id=session.job_id, scan_id=session.scan_id, layer=session.layer,
-        grid=grid_to_msg(fused.spec), z=floats(fused.z), sigma=floats(fused.sigma),
-        count=array('H', fused.count.tobytes()), coverage=fused.coverage, residual=fused.residual,
+    return to_msg(
+        HeightMap, stamp=stamp_ns(session.newest_used_ns or 0), frame='work', job_id=session.job_id,
+        scan_id=session.scan_id, layer=session.layer, grid=fused.spec, z=fused.z, sigma=fused.sigma,
+        count=fused.count, coverage=fused.coverage, residual=fused.residual,
         plausible=not found.doubts, reasons=found.doubts + session.notes(), profiles_used=counts.used,
         profiles_rejected=counts.rejected, points_used=fused.points_used, points_rejected=fused.points_rejected,
         bead_width=width.width, bead_width_u=width.u, bead_width_expected=width.expected,

@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from waam_node.conversions import stamp_ns
 from waam_node.testing import fresh_domain
 from waam_sim import node_trajectory
 from waam_sim import trajectory_rules as rules
@@ -148,7 +149,7 @@ class Bench:
     def send(self, t: Trajectory, **tolerances):
         goal = FollowJointTrajectory.Goal(**tolerances)
         goal.trajectory.joint_names = list(NAMES)
-        goal.trajectory.header.stamp = node_trajectory.stamp(t.start_us)
+        goal.trajectory.header.stamp = stamp_ns(1000 * t.start_us)
         for at, joints, rates in zip(t.time, t.joints, t.rates, strict=True):
             point = JointTrajectoryPoint(positions=joints.tolist(), velocities=rates.tolist())
             point.time_from_start = Duration(sec=int(at), nanosec=int(at % 1 * 1e9))

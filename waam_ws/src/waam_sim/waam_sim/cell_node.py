@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from waam_msgs.msg import JobStatus, ProfileBatch
 from waam_msgs.srv import InjectFault, LoadPart
+from waam_node.conversions import temperature_to_msg
 from waam_node.node import OK, WARN, WaamNode
 from waam_node.node import main as run_node
 from waam_node.qos import BEAT, LATCHED, PROFILES
@@ -25,7 +26,7 @@ from waam_process.grid import HeightGrid
 
 from . import part
 from .config import CellParams, plant_params
-from .conversions import Batcher, clock_to_msg, temperature_to_msg
+from .conversions import Batcher, clock_to_msg
 from .pace import Pace
 from .plant import Plant, warm_up
 from .port import PlantPort
@@ -175,7 +176,7 @@ class Cell(WaamNode):
             self._clock_out.publish(clock_to_msg(time_us))
         if time_us % self._pyro_us < step_us:
             celsius = self._plant.temperature(self._pyro_us * 1e-6)
-            self._temperature_out.publish(temperature_to_msg(time_us, celsius))
+            self._temperature_out.publish(temperature_to_msg(celsius, 1000 * time_us))
         profiles = self._plant.profiles(samples)
         if profiles is not None and (msg := self._batcher.add(profiles)) is not None:
             self._profiles_out.publish(msg)

@@ -5,31 +5,18 @@ from __future__ import annotations
 from array import array
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Temperature
 from std_msgs.msg import Header
 
 from waam_msgs.msg import ProfileBatch
-from waam_node.conversions import floats
+from waam_node.conversions import floats, stamp_ns
 
 from .plant import Profiles
 
 
-def stamp(time_us: int) -> Time:
-    """us of the controller's clock."""
-    return Time(sec=time_us // 1_000_000, nanosec=time_us % 1_000_000 * 1000)
-
-
 def clock_to_msg(time_us: int) -> Clock:
     """us of the controller's clock, which is the clock of the cell."""
-    return Clock(clock=stamp(time_us))
-
-
-def temperature_to_msg(time_us: int, celsius: float) -> Temperature:
-    """degC of the pyrometer at controller time `time_us`; its variance is left unknown (0)."""
-    header = Header(stamp=stamp(time_us), frame_id='work')
-    return Temperature(header=header, temperature=celsius, variance=0.0)
+    return Clock(clock=stamp_ns(1000 * time_us))
 
 
 class Batcher:
@@ -55,7 +42,7 @@ class Batcher:
         times = np.concatenate([p.time_us for p in self._parts])
         first = int(times[0])
         msg = ProfileBatch(
-            header=Header(stamp=stamp(first), frame_id='scanner'), sensor_id='simulated'
+            header=Header(stamp=stamp_ns(1000 * first), frame_id='scanner'), sensor_id='simulated'
         )
         msg.sequence, self._sequence = self._sequence, self._sequence + 1
         msg.profile_count, msg.points_per_profile = len(times), len(self._x)

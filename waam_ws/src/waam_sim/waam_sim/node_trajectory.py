@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -18,6 +17,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from waam_node import qos
+from waam_node.conversions import stamp_ns
 
 from . import trajectory_rules as rules
 from .robot import Trajectory
@@ -55,11 +55,6 @@ class Active(NamedTuple):
     handle: Any
     trajectory: Trajectory
     limits: Tolerances
-
-
-def stamp(us: int) -> Time:
-    """us of ROS time."""
-    return Time(sec=us // 1_000_000, nanosec=us % 1_000_000 * 1000)
 
 
 def trajectory_from_msg(
@@ -131,7 +126,7 @@ class TrajectoryController:
     def tell(self, time_us: int, joints: np.ndarray, rates: np.ndarray) -> None:
         """Publishes the state of the axes, and ends the goal that has ended."""
         msg = JointState(name=list(self._names), position=joints.tolist(), velocity=rates.tolist())
-        msg.header.stamp = stamp(time_us)
+        msg.header.stamp = stamp_ns(1000 * time_us)
         self._states.publish(msg)
         active = self._active
         at_us = time_us - self._axes.behind_us

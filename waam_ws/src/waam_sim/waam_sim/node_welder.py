@@ -9,8 +9,8 @@ from control_msgs.msg import DynamicInterfaceGroupValues, InterfaceValue
 from rclpy.node import Node
 
 from waam_node import qos
+from waam_node.conversions import stamp_ns
 
-from .node_trajectory import stamp
 from .plant import INPUT_GAS_OK, OUTPUT_ARC, OUTPUT_GAS, Reading
 
 WELDING = 'welding'
@@ -55,7 +55,7 @@ class Welder:
         one = InterfaceValue(interface_names=['gas_ok', 'current', 'voltage', 'wire_speed'])
         one.values = [gas, reading.current, reading.voltage, reading.wire_speed]
         msg = DynamicInterfaceGroupValues(interface_groups=[WELDING], interface_values=[one])
-        msg.header.stamp = stamp(time_us)
+        msg.header.stamp = stamp_ns(1000 * time_us)
         self._out.publish(msg)
 
     def _on_command(self, msg: DynamicInterfaceGroupValues) -> None:

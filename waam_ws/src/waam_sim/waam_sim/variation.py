@@ -43,7 +43,9 @@ class VariationParams:
         0.02, 'path on which its autocorrelation falls to 1/e', 'm', 1e-3, 1.0
     )
     layer: float = param(0.0, 'sigma of metal that is common to a layer', '', 0.0, 0.3)
-    efficiency_per_layer: float = 0.0  # relative change of the deposition efficiency from layer to layer
+    efficiency_per_layer: float = (
+        0.0  # relative change of the deposition efficiency from layer to layer
+    )
     efficiency_walk: float = param(
         0.0, 'sigma of a random step of the deposition efficiency at every layer', '', 0.0, 0.2
     )
