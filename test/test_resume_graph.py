@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from power import power_cut, power_on
 from scipy.ndimage import median_filter
 
 from waam_bringup.graph import Settings
 from waam_bringup.operate import graph_watch
-from waam_bringup.test_support import power_cut, power_on
 from waam_msgs.action import RunJob
 from waam_node.testing import fresh_domain
 from waam_sim.table import restore

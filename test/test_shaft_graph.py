@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from power import power_cut, power_on
 
 from waam_bringup import demo_shaft
 from waam_bringup.cli_job import add_run_options
@@ -16,7 +17,6 @@ from waam_bringup.client import ClientError
 from waam_bringup.graph import Settings
 from waam_bringup.jobs import checked_of, make_goal, place_part
 from waam_bringup.operate import graph_watch
-from waam_bringup.test_support import power_cut, power_on
 from waam_lab import restore_shaft, run
 from waam_lab.shafts import WornShaft
 from waam_msgs.action import RunJob

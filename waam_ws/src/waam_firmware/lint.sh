@@ -12,7 +12,7 @@ include=(-Ihost -Istm32 -Itest/fuzz); for room in core/*/; do include+=("-I$room
 host=("$@"); board=()
 if [ $# = 0 ]; then
   host=(core/*/*.c host/*.c test/*.c test/fuzz/*.c stm32/port_usb.c)
-  board=(core/*/*.c stm32/*.c)
+  board=(core/*/*.c stm32/*.c test/target/*.c)
 fi
 processor=(-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard -ffreestanding)
 failed=0

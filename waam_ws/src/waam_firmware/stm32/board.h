@@ -1,5 +1,6 @@
-/* What the firmware needs of the board. board_stm32.c is the real one; board_qemu.c stands in for it under QEMU, which has
- * the core, timers and serial ports of the chip, but no clock tree, converter, watchdog or machine around it. */
+/* What the firmware needs of the board. board_stm32.c is the real one; test/target/board_qemu.c stands in for it under
+ * QEMU, which has the core, timers and serial ports of the chip, but no clock tree, converter, watchdog or machine
+ * around it. */
 #ifndef WAAM_STM32_BOARD_H
 #define WAAM_STM32_BOARD_H
 

@@ -1,4 +1,4 @@
-"""Power cuts on a simulated cell, for tests and benchmarks: the whole graph is killed and started again."""
+"""Power cuts on a simulated cell: the whole graph is killed and started again."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from . import run_state
-from .client import GraphClient
-from .graph import Settings
-from .operate import stop, up
+from waam_bringup import run_state
+from waam_bringup.client import GraphClient
+from waam_bringup.graph import Settings
+from waam_bringup.operate import stop, up
 
 
 @contextmanager
