@@ -30,7 +30,6 @@ PRICES = (
 )
 MAPS = 'layers'  # folder of the surfaces
 TRACK = 'track'  # folder of the telemetry while the job runs
-VIEWER_RECORDINGS = 'job*.rrd'
 PROGRAMS = 'program*.gcode'
 PROGRAM_GIVEN = 'program_given.gcode'  # of a job that lays a program of others: that program
 PROGRAM_DIALECT = 'program_dialect.yaml'  # and what its codes mean

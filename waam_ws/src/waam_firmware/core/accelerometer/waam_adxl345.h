@@ -12,9 +12,7 @@
 #include <stdint.h>
 
 #define WAAM_ADXL345_BYTES 9u   /* of the longest exchange: an address and eight registers */
-#define WAAM_ADXL345_RATE_HZ 3200u
 #define WAAM_ADXL345_PER_G 256  /* counts, full resolution: 3.9 mg each */
-#define WAAM_ADXL345_RANGE_G 16
 #define WAAM_ADXL345_TOP 4096   /* counts are from -4096 to 4095 */
 
 typedef enum {

@@ -1,6 +1,6 @@
 /* The controller core: everything between the bytes of the link and the pins, without operating system, heap or clock.
  *
- *     waam_core_t core;                              (static; about 12 kB)
+ *     waam_core_t core;                              (static; about 26 kB)
  *     waam_core_init(&core, &config, send, context);
  *     every tick (1 ms or finer):
  *         waam_core_rx(&core, byte)  for what has arrived, from the same thread as the tick
