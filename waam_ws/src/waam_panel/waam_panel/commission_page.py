@@ -14,7 +14,7 @@ from waam_shop.roles import Role
 
 from . import numbers
 from .cell import CELL, Cell
-from .commanding import BadRequest, command_routes
+from .commanding import BadRequest, Run, command_routes
 from .operations import Refused
 from .routes import Route
 from .security import REPORT_POLICY
@@ -124,7 +124,11 @@ async def _file(request: web.Request) -> web.Response:
     return web.Response(body=body, content_type=kind, charset=charset, headers=headers)
 
 
-COMMANDS = {'commission/start': start, 'commission/answer': answer, 'commission/end': end}
+COMMANDS: dict[str, Run] = {
+    'commission/start': start,
+    'commission/answer': answer,
+    'commission/end': end,
+}
 ROUTES = (
     Route('GET', '/api/commission', Role.VIEW, _book), Route('GET', '/commission/{name}', Role.VIEW, _file),
     *command_routes(COMMANDS, Role.OPERATE),

@@ -4,6 +4,7 @@ import { $, bindUpload, day, element, fill, get, makeTable, post, tableRow, text
 const MARKS = { passed: '✓', failed: '✗', 'out of date': '!', 'not there': '–', 'by hand': '–', 'not done': '○' };
 const CALM_MS = 700; // a second click on what was asked before answers nothing
 const CLASSES = { passed: 'good', failed: 'bad', 'out of date': 'old' };
+const wanted = new Map(); // steps that somebody has opened or closed by hand
 let book = null, why = '', run = null, version = -1, number = -1, opened = '';
 
 // ---- the book
@@ -38,13 +39,13 @@ function showBook() {
   $('c-report').hidden = !(part && part.report);
   if (part && part.report) $('c-report').href = part.report;
   for (const id of ['c-page', 'c-file']) $(id).hidden = false;
-  const open = new Set([...document.querySelectorAll('#c-steps details[open]')].map((d) => d.dataset.step));
-  $('c-steps').replaceChildren(...book.steps.map((s) => stepItem(s, at, open.has(s.name) || s.name === at || (!going && s.state === 'failed'))));
+  $('c-steps').replaceChildren(...book.steps.map((s) => stepItem(s, at, wanted.get(s.name) ?? (s.name === at || (!going && s.state === 'failed')))));
 }
 
 function stepItem(s, at, open) {
   const item = element('li'), box = element('details'), head = element('summary');
-  box.dataset.step = s.name; box.open = open;
+  box.open = open;
+  head.addEventListener('click', () => wanted.set(s.name, !box.open));
   const state = s.name === at ? 'now' : s.state, when = s.date && s.name !== at ? ` ${day(Date.parse(s.date) / 1000).slice(0, 16)}` : '';
   head.append(element('b', `${s.name === at ? '▶' : MARKS[s.state]} ${s.name}`), element('span', `${state}${when}`, s.name === at ? 'now' : CLASSES[s.state] || ''), element('small', s.title));
   box.append(head, ...aboutStep(s), ...foundBy(s));
@@ -93,10 +94,11 @@ function showAsked() {
   $('c-asked').hidden = !asked;
   text('c-doing', asked ? '' : run.running ? 'The cell is at work. Wait.' : '');
   if (!asked) return;
+  $('c-asked').dataset.id = asked.ask || asked.do;
   const step = stepOf((asked.ask || asked.do).split('.')[0]);
   text('c-step', step ? `${step.name}: ${step.title}` : '');
   text('c-text', asked.text); text('c-wrong', asked.wrong ? `That was no answer: ${asked.wrong}.` : '');
-  text('c-how', asked.do && !asked.wait ? `The cell looks whether it is done, for ${Math.round(asked.seconds / 60)} minutes.` : asked.file ? 'A part of this list, or upload its mesh (STL, PLY; mm).' : '');
+  text('c-how', asked.do && !asked.wait ? `Goes on when the cell sees it; waits ${Math.round(asked.seconds / 60)} minutes.` : asked.file ? 'A part of this list, or upload its mesh (STL, PLY; mm).' : '');
   $('c-file-field').hidden = !asked.file;
   if (asked.file) parts();
   $('c-answers').replaceChildren(...controls(asked));
@@ -120,7 +122,7 @@ function controls(asked) {
 }
 
 function numberField(asked, i) {
-  const label = element('label', asked.count > 1 ? `${i + 1}., ${asked.unit}` : asked.unit), input = element('input');
+  const label = element('label', `${asked.count > 1 ? `${i + 1}.: ` : ''}${asked.unit}${asked.low === null ? '' : `, ${asked.low} to ${asked.high}`}`), input = element('input');
   input.inputMode = 'decimal'; input.id = `c-number-${i}`; input.autocomplete = 'off';
   label.append(input);
   return label;
