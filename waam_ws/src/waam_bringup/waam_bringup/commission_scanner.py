@@ -51,7 +51,7 @@ def in_force(visit: Visit) -> None:
         first = f'take {says} out of the cell file, ' if says else ''
         raise CommissionError(
             f'step {visit.step.name}: scan_fusion runs with {has or "no calibration"}, found was {wanted}: {first}'
-            f'waam stop, waam up --cell {paths.cell_name()}, and waam commission again'
+            f'waam stop, waam up --cell {paths.cell_name()}, and go on with the commissioning'
         )
 
 

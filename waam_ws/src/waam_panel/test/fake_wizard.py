@@ -9,20 +9,37 @@ import signal
 import sys
 from pathlib import Path
 
-from waam_calibrate.commission import BUILT, Book, Outcome
+from waam_calibrate.commission import BUILT, Book, Check, Outcome
 from waam_calibrate.commission_page import rows
+
+
+def book_of(folder: Path) -> dict:
+    """What `Shelf.told` says."""
+    found = Outcome(
+        True, '0 lost', (Check('frames lost', 0.0, 0.0, 1.0, '%'),), '', {'link.seen': 'yes'}, pictures=('link.png',),
+        job=str(folder / 'jobs' / 'one'),
+    )  # fmt: skip
+    torn = Outcome(False, 'the switch of x was pressed', (), 'it is bridged')
+    book = Book('gantry1', 'm').with_run('link', found, '2026-11-29T16:00:00+00:00', '1')
+    book = book.with_run('limits', torn, '2026-11-29T16:01:00+00:00', '1')
+    return {
+        'cell': 'gantry1', 'file': str(folder / 'gantry1.yaml'), 'page': str(folder / 'page.html'),
+        'passed': 1, 'of': len(BUILT), 'at': 'settings', 'steps': rows(book),
+    }  # fmt: skip
+
+
+def question_of(step: str) -> dict:
+    """As `Lines.ask` asks it."""
+    number = {'low': 10.0, 'high': 400.0, 'unit': 'mm', 'count': 3 if step == 'long' else 1}
+    text = 'How far did X go, told 80, 200, 320 mm?'
+    question = {'ask': 'steps.x', 'text': text, 'words': [], 'file': False, 'wrong': ''} | number
+    return question | ({'words': ['no'], 'file': True, 'unit': ''} if step == 'file' else {})
 
 
 def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     folder, asked = Path(sys.argv[1]), sys.argv[2:]
-    book = Book('gantry1', 'm').with_run(
-        'link', Outcome(True, '0 lost', pictures=('link.png',), job=str(folder / 'jobs' / 'one')), '2026-11-29', '1'
-    )  # fmt: skip
-    told = {
-        'cell': 'gantry1', 'file': str(folder / 'gantry1.yaml'), 'page': str(folder / 'page.html'),
-        'passed': 1, 'of': len(BUILT), 'at': 'settings', 'steps': rows(book),
-    }  # fmt: skip
+    told = book_of(folder)
     if '--list' in asked:
         say(**told)
         return 0
@@ -31,17 +48,7 @@ def main() -> int:
         print('waam: error: no graph is up', file=sys.stderr)
         return 2
     say(say='settings: against the file', book=told)
-    number = {'low': 10.0, 'high': 400.0, 'unit': 'mm', 'count': 3 if step == 'long' else 1}
-    question = {
-        'ask': 'steps.x',
-        'text': 'How far did X go?',
-        'words': [],
-        'file': False,
-        'wrong': '',
-    } | number
-    if step == 'file':
-        question |= {'words': ['no'], 'file': True, 'unit': ''}
-    say(**question)
+    say(**question_of(step))
     (folder / 'answers').write_text(
         json.loads(sys.stdin.readline() or '{"answer": "nobody"}')['answer']
     )

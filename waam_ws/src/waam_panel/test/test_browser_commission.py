@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import yaml
-from test_browser import CHROMIUM, Screen
+from test_browser import CHROMIUM, PICTURES, Screen
 
-from waam_bringup import cli
+from waam_bringup import cell_graph, cli
+from waam_bringup.commission_cell import CommissionedCell
+from waam_bringup.commission_hand import Hand, write_pad
+from waam_bringup.commission_visit import Question
 from waam_bringup.graph import Settings
 from waam_bringup.operate import graph
 from waam_msgs.srv import InjectFault
+from waam_node.testing import fresh_domain
 from waam_shop.roles import Role
 from waam_shop.shop_folder import Shop
 
@@ -52,8 +58,9 @@ def signed_in(browser, address: str, token: str) -> Screen:
     return s
 
 
-def step(s: Screen, name: str) -> str:
-    return f'#c-steps li:has(summary b:text-is("{name}"))'
+def step(name: str) -> str:
+    """Selector of a step in the list."""
+    return f'#c-steps li:has(summary b:text-matches(" {name}$"))'
 
 
 def test_a_step_is_answered_and_passes_and_another_one_stops_with_its_reason(delivered, browser):
@@ -63,14 +70,17 @@ def test_a_step_is_answered_and_passes_and_another_one_stops_with_its_reason(del
 
     # all that is due: the first two need nobody, the third finds what is wrong
     s.click('#c-start')
+    s.shows('#c-text', 'Release the emergency stop')
+    s.click('#c-answers button')
     s.shows('#c-ended', 'Stopped at estop: released, the controller says: .*still active')
     s.shows('#c-ended', 'What can be done: its contact is reversed')
     s.shows('#c-head', f'{NAME}: 2 of 20 steps passed')
     s.shows('#c-start', 'Go on with estop')
+    s.picture('commission_stopped')
 
     # one step with a question; who only looks may not answer, and a reload asks it again
     s.page.click(f'{step("temperature")} summary')
-    s.page.click('button:text-is("Only temperature")')
+    s.page.click('button:text-is("Run only temperature")')
     s.shows('#c-text', 'hand thermometer')
     looks = signed_in(browser, address, tokens[Role.VIEW])
     looks.page.fill('#c-number-0', '22')
@@ -101,3 +111,104 @@ def test_a_step_is_answered_and_passes_and_another_one_stops_with_its_reason(del
         s.page.click('#c-page')
     opened.value.wait_for_selector('h1')
     assert 'This cell is not ready' in opened.value.text_content('body')
+
+
+OFF = {
+    'arc_wire_ratio': 1.041, 'arc_wire_delay': 0.045, 'arc_wire_lag': 0.09, 'delivered_skew': 0.18,
+    'delivered_current_scale': 1.048, 'delivered_voltage_scale': 0.953, 'pyrometer_emissivity': 0.62,
+    'delivered_scanner_x': 0.004, 'delivered_scanner_y': -0.005, 'delivered_scanner_yaw': 2.0,
+    'delivered_scanner_late': 0.08,
+}  # fmt: skip
+STEPS = (328.7, 312.4, 325.1)  # per mm, of the machine; the controller has 320
+SEEN = ('signals.current_told', 'steps.x', 'scanner.ready', 'part.nominal')  # pictures of these
+
+
+@pytest.mark.skipif(not PICTURES, reason='takes four minutes: WAAM_SCREENSHOTS=FOLDER')
+def test_from_the_board_to_the_report_of_the_first_part(tmp_path, monkeypatch, browser):
+    """A person presses, measures and clicks; the graph is started once more in between."""
+    for name in ('JOBS', 'CELLS', 'CALIBRATIONS'):
+        monkeypatch.setenv(f'WAAM_{name}', str(tmp_path / name.lower()))
+    monkeypatch.setenv('WAAM_CELL', 'gantry1')
+    assert cli.main(['cell', 'new', 'gantry1']) == 0
+    nominal, worn = write_pad(tmp_path)
+    file = tmp_path / 'delivered.yaml'
+    file.write_text(yaml.safe_dump({'/**/cell': {'ros__parameters': OFF}}))
+    settings = Settings(
+        run=tmp_path / 'run',
+        seed=3,
+        machine_steps=STEPS,
+        params_files=(file,),
+        without=('dashboard',),
+    )
+    said = []
+    for _ in range(2):
+        applied = cell_graph.apply(settings, True).settings
+        with (
+            graph(applied, fresh_domain(), timeout=90.0) as (state, _),
+            CommissionedCell(state.domain) as cell,
+        ):
+            cell.meet_cell()
+            s = Screen(browser, 1366, 768)
+            s.page.goto(f'{state.panel_url}#commission')
+            s.click('#c-start')
+            said.append(walk(s, Hand(cell, 0, nominal, worn), nominal))
+            if len(said) == 2:
+                look_back(s)
+    assert 'waam up --cell gantry1, and go on' in said[0] and said[1] == 'Done.'
+
+
+def walk(s: Screen, hand: Hand, nominal: Path) -> str:
+    """Does and answers what is asked until the run ends; how."""
+    while True:
+        s.page.wait_for_selector(
+            '#c-answers button:not([disabled]), #c-asked:not(:has(button)), #c-ended:visible'
+        )
+        if s.page.is_visible('#c-ended'):
+            return s.page.text_content('#c-ended')
+        if not s.page.is_visible('#c-asked'):
+            continue
+        action, text = s.page.get_attribute('#c-asked', 'data-id'), s.page.text_content('#c-text')
+        number = s.page.get_attribute('#c-asked', 'data-number')
+        if action in SEEN:
+            s.picture(f'commission_{action.split(".")[0]}')
+        labels = s.page.locator('#c-answers button').all_text_contents()
+        if labels in ([], ['Done']):
+            hand.do(action, text, bool(labels))
+        answer = hand.ask(Question(action, text)) if labels not in ([], ['Done']) else 'Done'
+        if labels:
+            give(s, answer, nominal)
+        s.page.wait_for_function(GONE, arg=number)
+
+
+GONE = "(n) => { const f = document.querySelector('#c-asked'); return f.hidden || f.dataset.number !== n; }"
+
+
+def give(s: Screen, answer: str, nominal: Path) -> None:
+    """As a person gives it: a part from the list, numbers in their fields, else a button."""
+    if s.page.is_visible('#c-part'):
+        s.page.set_input_files('#c-upload', nominal)
+        s.has_value('#c-part', nominal.name)
+        answer = 'Begin with this part'
+    elif count := s.page.locator('#c-answers input').count():
+        for i, number in zip(range(count), answer.split(), strict=True):
+            s.page.fill(f'#c-number-{i}', f'{float(number):.2f}')
+        answer = 'Enter'
+    s.page.click(f'#c-answers button:text-is("{answer[0].upper()}{answer[1:]}")')
+
+
+def look_back(s: Screen) -> None:
+    """Evidence of the scanner, the page to sign and the report of the part."""
+    s.page.click(f'{step("scanner")} summary')
+    s.page.wait_for_function("document.querySelector('#c-steps img').complete")
+    s.page.locator('#c-steps img').first.scroll_into_view_if_needed()
+    s.picture('commission_evidence')
+    for link, wanted in (
+        ('#c-page', 'Commissioning of the cell gantry1'),
+        ('#c-report', 'cleans up'),
+    ):
+        with s.context.expect_page() as opened:
+            s.page.click(link)
+        opened.value.wait_for_selector(f'text={wanted}')
+    s.page.set_viewport_size({'width': 390, 'height': 844})
+    s.page.evaluate('scrollTo(0, 0)')
+    s.picture('commission_phone')

@@ -41,7 +41,7 @@ def ended(panel) -> str:
 def test_a_question_waits_and_takes_one_answer_as_people_type_it(commissioned):
     asked = begins(commissioned, 'long')
     number = asked['number']
-    assert asked['text'] == 'How far did X go?' and shown(commissioned)['at'] == 'settings'
+    assert asked['text'].startswith('How far did X go') and shown(commissioned)['at'] == 'settings'
     for given in ('yes', ['80', '200'], ['80', '200', '401'], ['80', '200', '3O0'], [], 3, None):
         status, said = ask(commissioned, 'commission/answer', {'number': number, 'answer': given})
         assert status == 400 and said['message'].startswith('answer: '), given

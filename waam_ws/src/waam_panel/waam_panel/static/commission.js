@@ -33,18 +33,22 @@ function showBook() {
   $('c-start').hidden = going;
   $('c-start').disabled = !book || !book.at;
   if (!book) { text('c-head', why || 'Looking …'); return; }
-  text('c-head', why || `${book.cell}: ${book.passed} of ${book.of} steps passed`);
-  text('c-start', book.at ? (book.passed ? `Go on with ${book.at}` : `Start with ${book.at}`) : 'All steps have passed');
+  const absent = book.steps.filter((s) => s.state === 'not there').map((s) => s.name);
+  text('c-head', why || `${book.cell}: ${book.passed} of ${book.of} steps passed${absent.length ? `, not there: ${absent.join(', ')}` : ''}`);
+  text('c-start', book.at ? (book.passed ? `Go on with ${book.at}` : `Start with ${book.at}`) : 'No step is due');
   const part = stepOf('part');
   $('c-report').hidden = !(part && part.report);
   if (part && part.report) $('c-report').href = part.report;
   for (const id of ['c-page', 'c-file']) $(id).hidden = false;
   $('c-steps').replaceChildren(...book.steps.map((s) => stepItem(s, at, wanted.get(s.name) ?? (s.name === at || (!going && s.state === 'failed')))));
+  // where the list has a bar of its own; else the question would leave the screen
+  if (window.matchMedia('(min-width:901px)').matches) document.querySelector('#c-steps details[data-at]')?.scrollIntoView({ block: 'nearest' });
 }
 
 function stepItem(s, at, open) {
   const item = element('li'), box = element('details'), head = element('summary');
   box.open = open;
+  if (s.name === (at || book.at)) box.dataset.at = '';
   head.addEventListener('click', () => wanted.set(s.name, !box.open));
   const state = s.name === at ? 'now' : s.state, when = s.date && s.name !== at ? ` ${day(Date.parse(s.date) / 1000).slice(0, 16)}` : '';
   head.append(element('b', `${s.name === at ? '▶' : MARKS[s.state]} ${s.name}`), element('span', `${state}${when}`, s.name === at ? 'now' : CLASSES[s.state] || ''), element('small', s.title));
@@ -60,8 +64,8 @@ function aboutStep(s) {
   const lines = [moves, s.needs ? `At hand: ${s.needs}.` : '', s.after.length ? `Stands on: ${s.after.join(', ')}.` : ''].filter(Boolean);
   const parts = [element('p', lines.join(' '), 'note')];
   if (s.closed.length) return [...parts, element('p', `Not yet: ${s.closed.join(', ')}.`, 'note')];
-  const again = element('button', s.state === 'not done' ? `Only ${s.name}` : `${s.name} once more`);
-  again.disabled = !run || run.running;
+  if (!run || run.running) return parts;
+  const again = element('button', s.state === 'not done' ? `Run only ${s.name}` : `Run ${s.name} once more`);
   again.addEventListener('click', () => start(s.name));
   return [...parts, again];
 }
@@ -94,7 +98,7 @@ function showAsked() {
   $('c-asked').hidden = !asked;
   text('c-doing', asked ? '' : run.running ? 'The cell is at work. Wait.' : '');
   if (!asked) return;
-  $('c-asked').dataset.id = asked.ask || asked.do;
+  $('c-asked').dataset.number = asked.number; $('c-asked').dataset.id = asked.ask || asked.do;
   const step = stepOf((asked.ask || asked.do).split('.')[0]);
   text('c-step', step ? `${step.name}: ${step.title}` : '');
   text('c-text', asked.text); text('c-wrong', asked.wrong ? `That was no answer: ${asked.wrong}.` : '');
@@ -129,7 +133,7 @@ function numberField(asked, i) {
 }
 
 function button(label, read, style) {
-  const b = element('button', label, `big ${style}`), mine = run.asked.number;
+  const b = element('button', label[0].toUpperCase() + label.slice(1), `big ${style}`), mine = run.asked.number;
   b.type = style === 'go' ? 'submit' : 'button';
   const send = async () => {
     const answer = read();
