@@ -87,6 +87,15 @@ def test_one_run_at_a_time_and_nothing_else_begins_beside_it(commissioned):
     assert ask(commissioned, 'commission/end', {})[0] == 409
 
 
+def test_what_the_cell_measures_takes_no_word_of_a_person(commissioned):
+    number = begins(commissioned)['number']
+    run = commissioned.cell.commissioning
+    run.asked = {'do': 'limits.x_low', 'text': 'Press it.', 'wait': False, 'number': number}
+    status, said = ask(commissioned, 'commission/answer', {'number': number, 'answer': ''})
+    assert status == 409 and 'for itself' in said['message']
+    assert run.running and not (commissioned.folder / 'answers').exists()
+
+
 def test_stop_ends_the_run(commissioned):
     begins(commissioned)
     assert ask(commissioned, 'stop')[0] == 200

@@ -38,9 +38,11 @@ async def answer(cell: Cell, data: dict[str, Any]) -> str:
     """number: of the question; answer: a word of it, the name of a part where it wants a file, or as many numbers as it
     wants, as people type them."""
     run = cell.commissioning
-    asked = run.asked or {}
+    asked: dict[str, Any] = run.asked or {}
     if not isinstance(data.get('number'), int) or data['number'] != asked.get('number'):
         raise Refused('that is not asked any more; look at what is asked now')
+    if 'do' in asked and not asked['wait']:
+        raise Refused('the cell looks for itself whether that is done')
     run.answer(data['number'], _said(cell, asked, data.get('answer', '')))
     return 'told'
 
@@ -82,7 +84,7 @@ async def _book(request: web.Request) -> web.Response:
     """Steps, their states and what was found; not ok with the reason why that is not known."""
     cell: Cell = request.app[CELL]
     try:
-        book = await cell.commissioning.look()
+        book = await cell.commissioning.look(cell.state.job_running)
     except Refused as e:
         return web.json_response({'ok': False, 'message': str(e)})
     steps = await cell.background.thread('files', _with_reports, book['steps'], cell.jobs_dir)

@@ -40,7 +40,8 @@ class Commissioning:
         self._following: asyncio.Task[None] | None = None
         self._looking = asyncio.Lock()
         self._read = 0.0  # steady time of the last look
-        self.running, self.asked, self.ended = False, None, ''
+        self.running, self.ended = False, ''
+        self.asked: dict[str, Any] | None = None
         self.book: dict[str, Any] | None = None
         self.version = self._numbers = 0
         self.lines: deque[str] = deque(maxlen=KEPT)
@@ -90,9 +91,10 @@ class Commissioning:
                 self._hear(child.stdout, self._take), self._hear(child.stderr, self._note)
             )
             self.ended = self._last_words(await child.wait())
-        except ValueError as e:  # a line that is too long
-            self.ended = f'what it says cannot be read: {e}'
+        except (ValueError, LookupError, TypeError) as e:  # such as a line that is too long
+            self.ended = f'what it says cannot be read: {e!r}'
             self.end()
+            await child.wait()
         finally:
             self.running, self.asked, self._child = False, None, None
 
@@ -135,11 +137,12 @@ class Commissioning:
             self.book, self.version = book, self.version + 1
         self._read = time.monotonic()
 
-    async def look(self) -> dict[str, Any]:
-        """The book as it is on the disk; while it runs, as it was told last. Refused with the reason why not."""
+    async def look(self, busy: bool = False) -> dict[str, Any]:
+        """The book as it is on the disk; while it runs, as it was told last, and where the cell is busy if there is
+        one. Refused with the reason why not."""
         async with self._looking:
-            old = self.book is None or time.monotonic() - self._read > FRESH_S
-            if old and not self.running:
+            old = not busy and time.monotonic() - self._read > FRESH_S
+            if (old or self.book is None) and not self.running:
                 self._check()
                 self._learn(await self._ask())
         if self.book is None:
@@ -165,7 +168,8 @@ class Commissioning:
             )
 
     async def _spawn(self, *more: str) -> asyncio.subprocess.Process:
+        looks = '--list' in more
+        words = [*(('nice', '-n', '10') if looks else ()), sys.executable, *self._words, *more]
         return await asyncio.create_subprocess_exec(
-            sys.executable, *self._words, *more, stdin=PIPE if '--list' not in more else DEVNULL, stdout=PIPE,
-            stderr=PIPE, limit=LINE,
-        )  # fmt: skip
+            *words, stdin=DEVNULL if looks else PIPE, stdout=PIPE, stderr=PIPE, limit=LINE
+        )
