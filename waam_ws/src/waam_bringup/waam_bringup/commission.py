@@ -266,6 +266,8 @@ def _checked(shelf: Shelf, say: Callable[[str], None]) -> int:
     """The cell file against the calibrations that were found."""
     kept, damaged = cell_check.certificates()
     wrong = [*cell_check.stale(shelf.file, kept), *damaged]
-    for text in wrong or [f'{shelf.file.name}: nothing is wrong; page: {shelf.folder / PAGE}']:
+    for text in wrong or [
+        f'{shelf.file.name}: nothing is wrong; page: {cell_check.shown(shelf.folder / PAGE)}'
+    ]:
         say(text)
     return 1 if wrong else 0

@@ -22,7 +22,7 @@ from waam_panel.state import Sample
 CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 pytest.importorskip('playwright', reason='playwright is not installed (pip install playwright)')
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
-PATIENCE_MS = 40_000  # a machine that does other work, too
+PATIENCE_MS = 300_000  # a machine that does other work, too
 PICTURES = os.environ.get('WAAM_SCREENSHOTS', '')
 RATE = 3.0  # simulated seconds per second: a bead lasts long enough to be seen
 
