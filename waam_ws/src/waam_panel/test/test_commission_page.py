@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 
@@ -101,6 +102,21 @@ def test_stop_ends_the_run(commissioned):
     assert ask(commissioned, 'stop')[0] == 200
     assert 'ended by hand' in ended(commissioned)
     assert commissioned.operations.asked == [('stop',)]
+
+
+def test_stop_counts_before_the_process_is_there(tmp_path):
+    async def go() -> str:
+        run = Commissioning((WIZARD, str(tmp_path)))
+        begins = asyncio.create_task(run.start(''))
+        await asyncio.sleep(0)
+        run.end()
+        await begins
+        async with asyncio.timeout(20):
+            while run.running:
+                await asyncio.sleep(0.02)
+        return run.ended
+
+    assert 'ended by hand' in asyncio.run(go())
 
 
 def test_a_job_that_runs_keeps_it_from_beginning(commissioned):

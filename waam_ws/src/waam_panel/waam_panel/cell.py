@@ -76,7 +76,6 @@ class Cell:
         self.work_lock, self.background = asyncio.Lock(), BackgroundTasks()
         self.throttle = Throttle(self.wrong_token_s)
         self.commissioning = Commissioning(self.commission)
-        self.state.sections['commission'] = self.commissioning.shown()
         self.entries = 0  # of the audit log that wait
         self.writing: set[asyncio.Task[str]] = set()
         self._workers = ThreadPoolExecutor(4, 'command')

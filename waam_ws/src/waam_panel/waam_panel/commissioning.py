@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import secrets
 import signal
 import sys
 import time
@@ -43,7 +44,10 @@ class Commissioning:
         self.running, self.ended = False, ''
         self.asked: dict[str, Any] | None = None
         self.book: dict[str, Any] | None = None
-        self.version = self._numbers = 0
+        self.version = 0
+        # of the last question: no page that was open before this panel answers one of it
+        self._number = secrets.randbelow(1 << 30)
+        self._stopped = False  # before its process was there
         self.lines: deque[str] = deque(maxlen=KEPT)
 
     def shown(self) -> dict[str, Any]:
@@ -61,7 +65,7 @@ class Commissioning:
         if self.running:
             raise Refused('the commissioning runs already')
         self._check()
-        self.running, self.ended = True, ''
+        self.running, self.ended, self._stopped = True, '', False
         self.lines.clear()
         try:
             self._child = await self._spawn('--json', *(['--step', step] if step else []))
@@ -69,6 +73,8 @@ class Commissioning:
             self.running = False
             raise Refused(f'the commissioning cannot be started: {e}') from None
         self._following = asyncio.create_task(self._follow(self._child))
+        if self._stopped:
+            self.end()
 
     def answer(self, number: int, text: str) -> None:
         """To what is asked under this number. Refused for another one: the page was old."""
@@ -80,6 +86,7 @@ class Commissioning:
 
     def end(self) -> None:
         """As Ctrl-C: the machine is stopped where the step moves it. Nothing when none runs."""
+        self._stopped = True
         if self._child and self._child.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 self._child.send_signal(signal.SIGINT)
@@ -115,8 +122,8 @@ class Commissioning:
             self._note(str(said['say']))
             self._learn(said['book'])
         else:
-            self._numbers += 1
-            self.asked = said | {'number': self._numbers}
+            self._number += 1
+            self.asked = said | {'number': self._number}
 
     def _note(self, line: str) -> None:
         if line:
