@@ -236,7 +236,7 @@ def test_without_cell_file_graph_or_answer_it_says_so(tmp_path, capfd):
 def test_one_commissions_a_cell_at_a_time():
     with shelf().alone():
         with pytest.raises(
-            CommissionError, match='hidden is being commissioned already: held .*process'
+            CommissionError, match='hidden is being commissioned already by process'
         ):
             with shelf().alone():
                 pass

@@ -104,8 +104,9 @@ class Shelf:
         except OSError as e:
             if e.errno != errno.EBUSY:
                 raise
+            who = str(e.strerror).rpartition(' by ')[2]
             raise CommissionError(
-                f'the cell {self.book.cell} is being commissioned already: {e.strerror}'
+                f'the cell {self.book.cell} is being commissioned already by {who}'
             ) from None
 
 
