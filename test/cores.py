@@ -86,7 +86,8 @@ TALKS_TO_THE_WORLD: dict[str, str] = {  # pattern of the file -> why; no file he
         'the web server',
     'waam_panel/waam_panel/background.py': 'threads for what may wait for a disk; says for how long it does',
     'waam_panel/waam_panel/stop_lane.py': 'a process that serves only STOP',
-    'waam_panel/waam_panel/standoff_page.py': 'the web server',
+    'waam_panel/waam_panel/(commission_page|standoff_page).py': 'the web server',
+    'waam_panel/waam_panel/commissioning.py': 'waam commission as a process',
     'waam_panel/waam_panel/(people|shop_link).py': 'the files of the shop and of jobs, once a second',
 }  # fmt: skip
 DECODES_MESSAGES = {

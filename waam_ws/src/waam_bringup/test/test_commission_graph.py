@@ -233,6 +233,17 @@ def test_without_cell_file_graph_or_answer_it_says_so(tmp_path, capfd):
     assert 'docs/real_cell.md' in capfd.readouterr().err
 
 
+def test_one_commissions_a_cell_at_a_time():
+    with shelf().alone():
+        with pytest.raises(
+            CommissionError, match='hidden is being commissioned already by process'
+        ):
+            with shelf().alone():
+                pass
+    with shelf().alone():
+        pass
+
+
 def test_answers_are_cleaned_and_what_is_none_is_refused(tmp_path):
     mesh = tmp_path / 'Part.STL'
     mesh.write_text('')

@@ -27,9 +27,10 @@ examples:
   waam commission gantry1 --answers FILE
 
 An answer file is YAML, one line a question: `directions.x: +x`, `wire.pieces: [341, 340.5, 341.5]`. What is to be done
-by hand is printed and waited for. Results lie in calibrations/ (or $WAAM_CALIBRATIONS) of the cell:
-commission/book.yaml, page.html and scanner.yaml, and steps per mm, squareness, wire, resonance and lead as `waam
-calibrate` keeps them.
+by hand is printed and waited for. With --json every line out is an object: `say` with `book`, `ask` or `do`; each line
+in is {"answer": TEXT}, also to what is to be done. The end of the input ends the run as Ctrl-C does.
+Results lie in calibrations/ (or $WAAM_CALIBRATIONS) of the cell: commission/book.yaml, page.html and scanner.yaml, and
+steps per mm, squareness, wire, resonance and lead as `waam calibrate` keeps them.
 Exit status: 0 all steps passed (or the one asked for), 1 a step failed, 2 refused or not ready."""
 
 
@@ -42,6 +43,7 @@ def register(commands: Verbs) -> None:
         ('--page', False, 'write the page with all steps, dates and a line to sign'),
         ('--yes', False, 'yes to questions of steps in which nothing moves and no current flows'),
         ('--answers', Path, 'answers from a YAML file instead of the keyboard', 'FILE'),
+        ('--json', False, 'for a program, as the page Commissioning of the panel: lines of JSON out and in'),
         ('--run', Path, 'folder of the running graph (default: jobs/.run or $WAAM_RUN)'),
         ('--domain', int, 'ROS_DOMAIN_ID (default: from the environment or the folder)'),
         description=TEXT, epilog=EXAMPLES,

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from waam_calibrate.commission import (
+    BUILT,
     Book,
     CommissionError,
     Outcome,
@@ -22,8 +27,9 @@ from waam_calibrate.commission import (
     wanted,
     without,
 )
-from waam_calibrate.commission_page import page
+from waam_calibrate.commission_page import page, rows
 from waam_node.files import write_atomically
+from waam_node.locks import locked
 from waam_process.cell_file import CellFile
 from waam_process.cell_keys import CHUCK
 from waam_process.safe_files import FileError, Missing, read_yaml
@@ -32,11 +38,12 @@ from waam_shop.cells import check_name
 from . import cell_check, paths
 from .cli_common import run_and_domain
 from .commission_cell import CommissionedCell
+from .commission_lines import Lines
 from .commission_steps import run
 from .commission_visit import FOLDER, HAND_S, Operator, Question, Visit
 from .operate import graph_watch, require_up
 
-BOOK, PAGE = 'book.yaml', 'page.html'
+BOOK, PAGE, LOCK = 'book.yaml', 'page.html', '.lock'
 HEAD = '# Made by `waam commission`; the hash tells whether it was changed.\n'
 
 
@@ -78,6 +85,29 @@ class Shelf:
         drawn = {n: f.read_bytes() for n in named if (f := self.folder / Path(n).name).is_file()}
         write_atomically(self.folder / PAGE, page(self.book, _now(), drawn))
         return self.folder / PAGE
+
+    def told(self, only: Step | None = None) -> dict[str, Any]:
+        """For a program that shows it: steps, the one that is or would be run, and where cell file and page lie."""
+        book, at = self.book, only or self.book.due()
+        return {
+            'cell': book.cell, 'file': str(cell_check.path_of(book.cell)), 'page': str(self.folder / PAGE),
+            'passed': book.passed, 'of': len(BUILT), 'at': at.name if at else '', 'steps': rows(book),
+        }  # fmt: skip
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Nobody else commissions this cell meanwhile. CommissionError names who does."""
+        try:
+            with locked(self.folder / LOCK, 0.0):
+                self.book = self._read()
+                yield
+        except OSError as e:
+            if e.errno != errno.EBUSY:
+                raise
+            who = str(e.strerror).rpartition(' by ')[2]
+            raise CommissionError(
+                f'the cell {self.book.cell} is being commissioned already by {who}'
+            ) from None
 
 
 def _now() -> str:
@@ -157,20 +187,33 @@ def commission(args: argparse.Namespace) -> int:
     """The verb. Exit status 1 when a step fails. CommissionError, ClientError when nothing can be done."""
     os.environ[paths.CELL] = check_name(args.name or paths.cell_name())
     shelf = Shelf(_cell_file(), paths.calibrations_dir())
+    if args.page or args.list and args.json:
+        written = shelf.print_page()
+        print(json.dumps(shelf.told()) if args.json else written)
+        return 0
     if args.list:
         print(table(shelf.book))
         return 0
-    if args.page:
-        print(shelf.print_page())
-        return 0
     step = wanted(args.step) if args.step else None
-    operator: Operator = AnswerFile(args.answers) if args.answers else Terminal()
+    operator, say = _operator(args, lambda: shelf.told(step))
     run_folder, domain = run_and_domain(args)
     board = not require_up(run_folder).simulated
-    with CommissionedCell(domain, board, graph_watch(run_folder)) as cell:
+    with shelf.alone(), CommissionedCell(domain, board, graph_watch(run_folder)) as cell:
         if not board:
             cell.meet_cell()
-        return go_on(shelf, cell, operator, args.yes, step)
+        return go_on(shelf, cell, operator, args.yes, step, say)
+
+
+def _operator(
+    args: argparse.Namespace, told: Callable[[], dict[str, Any]]
+) -> tuple[Operator, Callable[[str], None]]:
+    """Who answers, and who is told how it goes."""
+    if args.json and args.answers:
+        raise CommissionError('--json asks the program that reads it: leave out --answers')
+    if args.json:
+        lines = Lines(told)
+        return lines, lines.say
+    return AnswerFile(args.answers) if args.answers else Terminal(), print
 
 
 def _cell_file() -> CellFile:
@@ -201,7 +244,8 @@ def go_on(
     while (step := only or shelf.book.due()) is not None:
         if closed := shelf.book.closed(step.name):
             raise CommissionError(f'step {step.name} is not due: {"; ".join(closed)}')
-        say(f'{step.name}: {step.title}')
+        at_hand = f' (at hand: {step.needs})' if step.needs else ''
+        say(f'{step.name}: {step.title}{at_hand}')
         visit = Visit(step, cell, operator, shelf.file, shelf.kept, sure, patience, shelf.book.laid)
         outcome = run(visit)
         shelf.add(step, outcome, cell.machine.firmware_version if cell.machine else '')
@@ -223,6 +267,8 @@ def _checked(shelf: Shelf, say: Callable[[str], None]) -> int:
     """The cell file against the calibrations that were found."""
     kept, damaged = cell_check.certificates()
     wrong = [*cell_check.stale(shelf.file, kept), *damaged]
-    for text in wrong or [f'{shelf.file.name}: nothing is wrong; page: {shelf.folder / PAGE}']:
+    for text in wrong or [
+        f'{shelf.file.name}: nothing is wrong; page: {cell_check.shown(shelf.folder / PAGE)}'
+    ]:
         say(text)
     return 1 if wrong else 0

@@ -13,12 +13,12 @@ from waam_process.cell_file import CellFile
 from waam_process.segment import Kind, Point, Segment
 from waam_scan.calibration.artefact import Artefact, ArtefactError, Block
 from waam_scan.calibration.artefact_file import load_artefact
-from waam_scan.calibration.file import save_calibration
+from waam_scan.calibration.file import CalibrationFileError, load_calibration, save_calibration
 from waam_scan.calibration.pass_file import save_pass
 from waam_scan.calibration.scan_pass import Pass
 from waam_scan.calibration.solve import Calibration, CalibrationError, calibrate
 from waam_scan.commands.calibration_report import draw
-from waam_scan.transform import Mounting
+from waam_scan.transform import Mounting, rotation_rpy
 
 from . import paths
 from .cell_check import CALIBRATION, MOUNTING
@@ -51,7 +51,7 @@ def in_force(visit: Visit) -> None:
         first = f'take {says} out of the cell file, ' if says else ''
         raise CommissionError(
             f'step {visit.step.name}: scan_fusion runs with {has or "no calibration"}, found was {wanted}: {first}'
-            f'waam stop, waam up --cell {paths.cell_name()}, and waam commission again'
+            f'waam stop, waam up --cell {paths.cell_name()}, and go on with the commissioning'
         )
 
 
@@ -61,6 +61,7 @@ def scanner(visit: Visit) -> Outcome:
         where = visit.file.where(CALIBRATION)
         raise CommissionError(f'step scanner: {where} names {named}: take the line out first')
     artefact = _artefact(visit)
+    start, source = _start(visit.file)
     at_home(visit)
     visit.say(
         'artefact',
@@ -75,13 +76,12 @@ def scanner(visit: Visit) -> Outcome:
     tip = visit.cell.here
     touched = replace(artefact, position=np.array(tip) - (0.0, 0.0, artefact.body.height))
     listening = Profiles(visit.cell)
-    start = _start(visit.file)
     _move(visit, approach(tip, (tip[0], tip[1], tip[2] + LIFT))[:1])
     with listening.on():
         _move(visit, path(tip, start))
     seen = listening.taken()
     save_pass(visit.folder / PASS, seen)
-    return _judged(visit, _solved(seen, touched, start), start, touched)
+    return _judged(visit, _solved(seen, touched, start), start, source, touched)
 
 
 def _artefact(visit: Visit) -> Artefact:
@@ -101,13 +101,24 @@ def _artefact(visit: Visit) -> Artefact:
     )  # fmt: skip
 
 
-def _start(file: CellFile) -> Mounting:
-    """Where the cell file has it, or the drawing."""
-    known = Mounting()
-    at = file.values.get('sensors.scanner.mount_mm', (1e3 * known.offset).tolist())
-    turned = file.values.get('sensors.scanner.mount_deg', [0.0, 0.0, 90.0])
-    delay = 1e-3 * file.values.get('sensors.scanner.delay_ms', 0.0)
-    return Mounting.from_rpy(tuple(1e-3 * v for v in at), tuple(np.radians(turned)), delay)
+def _start(file: CellFile) -> tuple[Mounting, str]:
+    """Where the scanner is looked for, and who says so: the cell file; what it leaves out as it was last found, else as
+    the drawing has it. CommissionError for a calibration that cannot be read."""
+    kept = paths.scanner_calibration()
+    try:
+        found = load_calibration(kept) if kept.exists() else None
+    except CalibrationFileError as e:
+        raise CommissionError(
+            f'step scanner: where it was last found is not known: {e}; delete the file to begin with the drawing'
+        ) from None
+    known = found.mounting if found else Mounting()
+    source = 'the step of before' if found else 'the drawing'
+    mm, deg, delay = (file.values.get(path) for path in MOUNTING)
+    offset = known.offset if mm is None else 1e-3 * np.array(mm)
+    rotation = known.rotation if deg is None else rotation_rpy(*np.radians(deg))
+    late = known.delay if delay is None else 1e-3 * delay
+    given = mm is not None or deg is not None
+    return Mounting(offset, rotation, late), 'the cell file' if given else source
 
 
 def path(tip: Point, start: Mounting) -> list[Segment]:
@@ -151,12 +162,14 @@ def beside(found: Mounting, start: Mounting) -> tuple[float, float]:
     return float(np.linalg.norm(found.offset - start.offset)), angle
 
 
-def _judged(visit: Visit, found: Calibration, start: Mounting, artefact: Artefact) -> Outcome:
-    """Kept only when all of it is seen and within the limits. start: by the cell file, or the drawing."""
+def _judged(
+    visit: Visit, found: Calibration, start: Mounting, source: str, artefact: Artefact
+) -> Outcome:
+    """Kept only when all of it is seen and within the limits. start: where `source` has it."""
     moved, angle = beside(found.mounting, start)
     sigma = found.sigma
     shown = (
-        Check('beside where the cell file, or the drawing, has it', 1e3 * moved, 0.0, 20.0, 'mm'),
+        Check(f'beside where {source} has it', 1e3 * moved, 0.0, 20.0, 'mm'),
         Check('turned against that', angle, 0.0, 5.0, 'deg'),
         Check('delay of its stamps', 1e3 * float(found.mounting.delay), -1e3 * DELAY, 1e3 * DELAY, 'ms'),
         Check('noise', 1e3 * found.noise, 0.0, 0.15, 'mm'),
@@ -167,6 +180,8 @@ def _judged(visit: Visit, found: Calibration, start: Mounting, artefact: Artefac
     draw(visit.folder / 'scanner.png', found, artefact)
     visit.pictures.append('scanner.png')
     mend = 'artefact clean, made to size and touched in its middle; scanner tight; passes again'
+    if not all(c.good for c in shown[:2]):
+        mend += f'; where it was moved: its new place as {MOUNTING[0]} in the cell file, until it is found'
     if found.unobserved:
         return Outcome(False, '; '.join(found.unobserved), shown, mend)
     at = ', '.join(f'{1e3 * v:.2f}' for v in found.mounting.offset)

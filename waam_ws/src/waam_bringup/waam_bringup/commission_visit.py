@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from waam_calibrate import report, store
 from waam_calibrate.commission import CommissionError, Step
@@ -18,8 +19,10 @@ from .client import ClientError
 from .commission_cell import CommissionedCell
 
 HAND_S = 120.0
+MEANWHILE_S = 0.5  # that a person takes at least: a wizard that waits hears nothing
 FOLDER = 'commission'  # in the folder of the calibrations of a cell
 YES = ('yes', 'no')
+Answer = TypeVar('Answer')
 STAND_CLEAR = 'Nobody is near the axes, and a hand is at the emergency stop?'
 
 
@@ -108,9 +111,18 @@ class Visit:
         question = Question(f'{self.step.name}.{name}', text, tuple(words), **more)
         harmless = not (self.step.moves or self.step.powered)
         known = self.sure and harmless and question.words == YES
-        answer = 'yes' if known else self.operator.ask(question)
+        answer = 'yes' if known else self._by_operator(lambda: self.operator.ask(question))
         self.answers[question.id] = answer
         return answer
+
+    def _by_operator(self, act: Callable[[], Answer]) -> Answer:
+        """What a person gives. When that takes a while, all that the cell has said meanwhile is taken in: the torch may
+        have been jogged, the machine may have lost its home."""
+        begun = time.monotonic()
+        given = act()
+        if time.monotonic() - begun > MEANWHILE_S:
+            self.cell.fresh(1)
+        return given
 
     def number(self, name: str, text: str, low: float, high: float, unit: str) -> float:
         """A number that the operator reads."""
@@ -130,7 +142,7 @@ class Visit:
 
     def say(self, name: str, text: str) -> None:
         """What is to be done and shows nowhere; returns when it is done."""
-        self.operator.do(f'{self.step.name}.{name}', text, True)
+        self._by_operator(lambda: self.operator.do(f'{self.step.name}.{name}', text, True))
 
     def ready(self, text: str) -> None:
         """CommissionError unless the operator says yes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -164,6 +165,7 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
         'machine_steps': machine_steps(settings),
         'panel_access': panel_access(settings), 'jobs': str(jobs_dir()), 'shop': str(shop_dir()),
         'calibrations': str(calibrations_dir()), 'cell': cell_name(), 'lease_nodes': lease_nodes,
+        'commission': commission_words(settings.run),
         'named_cell': '' if cell_name() == FIRST else cell_name(), 'parts': str(share('waam_bringup') / 'parts'),
     }  # fmt: skip
     if isinstance(value, list):
@@ -178,6 +180,12 @@ def fill(value: Any, settings: Settings, lease_nodes: list[str]) -> Any:
     if whole:
         return known[whole.group(1)]
     return re.sub(r'\$\{(\w+)\}', lambda m: str(known[m.group(1)]), value)
+
+
+def commission_words(run: Path) -> str:
+    """For Python: `waam commission` of the cell that is meant, on the graph in this folder; for the panel."""
+    words = ('-m', 'waam_bringup.cli', 'commission', cell_name(), '--run', str(run))
+    return shlex.join(words)
 
 
 ACCESS = {

@@ -107,6 +107,7 @@ def _serve(args: argparse.Namespace, run: Path, state: RunState, access: dict[st
     """Runs the node in this process, on the domain of the graph."""
     from waam_panel.panel_node import main
 
+    from .graph import commission_words
     from .operate import panel_port, stop_port
     from .paths import calibrations_dir, cell_name, jobs_dir, share, shop_dir
 
@@ -119,7 +120,7 @@ def _serve(args: argparse.Namespace, run: Path, state: RunState, access: dict[st
         'bind': args.bind, 'port': port, 'jobs_dir': str(jobs_dir()), 'part_folders': folders,
         'shop_dir': str(shop_dir()), 'calibrations_dir': str(calibrations_dir()), 'cell': cell_name(),
         'run_dir': str(run), 'use_sim_time': state.simulated, 'stop_port': second,
-        'stop_socket': str(socket), **access,
+        'stop_socket': str(socket), 'commission': commission_words(run), **access,
     }  # fmt: skip
     if args.host:
         values['allowed_hosts'] = ','.join(args.host)

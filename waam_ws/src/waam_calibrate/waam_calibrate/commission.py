@@ -30,7 +30,7 @@ class CommissionError(ValueError):
 @dataclass(frozen=True)
 class Step:
     """name: as the command line says it; title: what it shows; after: steps that must have passed before; moves: axes
-    or wire move; powered: a current flows; built: `waam commission` does it."""
+    or wire move; powered: a current flows; built: `waam commission` does it; needs: what a person has at hand."""
 
     name: str
     title: str
@@ -38,32 +38,44 @@ class Step:
     moves: bool = False
     powered: bool = False
     built: bool = True
+    needs: str = ''
 
 
 STEPS = (
     Step('link', 'link, firmware version, lost frames'),
     Step('settings', 'settings of the controller against the cell file', ('link',)),
     Step('estop', 'emergency stop, pressed and released', ('link',)),
-    Step('limits', 'every limit switch, pressed by hand', ('estop',)),
+    Step('limits', 'every limit switch, pressed by hand', ('estop',), needs='reach to all six switches'),
     Step('rest', 'current, voltage and wire read nothing at rest', ('link',)),
-    Step('signals', 'known current and voltage at the sensors: sign and scale', ('rest',), powered=True),
-    Step('temperature', "the part's temperature: plausible, and rises by warmth", ('link',)),
+    Step('signals', 'known current and voltage at the sensors: sign and scale', ('rest',), powered=True,
+         needs='a laboratory supply (5 A, 24 V) and a cable for four turns'),
+    Step('temperature', "the part's temperature: plausible, and rises by warmth", ('link',),
+         needs='a thermometer, something warm'),
     Step('directions', 'every axis moves the right way', ('settings', 'estop', 'limits'), moves=True),
     Step('homing', 'homing of all axes', ('directions',), moves=True),
     Step('gas', 'gas valve, flow switch and strike, with the source switched off', ('homing', 'signals'),
-         moves=True, powered=True),
-    Step('steps', 'steps per mm of X, Y and Z by measured lengths', ('homing',), moves=True),
-    Step('skew', 'squareness of X and Y by measured diagonals', ('steps',), moves=True),
-    Step('wire', 'wire wheel: length fed against counted', ('estop',), moves=True),
-    Step('pyrometer', 'the temperature of hot metal against a contact thermometer', ('temperature',)),
-    Step('resonance', 'resonance of X and Y, their input shapers', ('steps',), moves=True),
-    Step('scanner', 'mounting of the scanner and delay of its clock, by an artefact', ('skew',), moves=True),
+         moves=True, powered=True, needs='shielding gas, the source off at its mains'),
+    Step('steps', 'steps per mm of X, Y and Z by measured lengths', ('homing',), moves=True,
+         needs='a rule or a dial gauge'),
+    Step('skew', 'squareness of X and Y by measured diagonals', ('steps',), moves=True,
+         needs='a scriber, a rule over the diagonal of half the table'),
+    Step('wire', 'wire wheel: length fed against counted', ('estop',), moves=True,
+         needs='side cutters, a rule of 0.5 m'),
+    Step('pyrometer', 'the temperature of hot metal against a contact thermometer', ('temperature',),
+         needs='a gas burner, a contact thermometer'),
+    Step('resonance', 'resonance of X and Y, their input shapers', ('steps',), moves=True,
+         needs='an accelerometer at the controller'),
+    Step('scanner', 'mounting of the scanner and delay of its clock, by an artefact', ('skew',), moves=True,
+         needs='the artefact'),
     Step('scales', 'scales of the source, 0-10 V against what it shows', ('signals',), powered=True, built=False),
     Step('arc', 'first arc on scrap: current, voltage, wire, an arc that stays',
-         ('gas', 'skew', 'wire', 'temperature', 'scanner'), moves=True, powered=True),
-    Step('lead', 'delay and lag of the wire drive, by a bead with steps of speed', ('arc',), moves=True, powered=True),
+         ('gas', 'skew', 'wire', 'temperature', 'scanner'), moves=True, powered=True,
+         needs='a scrap plate of 200 x 80 mm and more, screens, gloves, extraction'),
+    Step('lead', 'delay and lag of the wire drive, by a bead with steps of speed', ('arc',), moves=True, powered=True,
+         needs='the same plate'),
     Step('bead', 'efficiency, width and height of the beads against the table', ('arc', 'lead')),
-    Step('part', 'a small part restored in closed loop', ('bead', 'pyrometer'), moves=True, powered=True),
+    Step('part', 'a small part restored in closed loop', ('bead', 'pyrometer'), moves=True, powered=True,
+         needs='a small worn part of steel and its nominal mesh in mm'),
 )  # fmt: skip
 BY_NAME = {step.name: step for step in STEPS}
 BUILT = tuple(step for step in STEPS if step.built)

@@ -1,10 +1,12 @@
-"""The page of a commissioning: one HTML file that needs nothing else, with a line to sign. Pure."""
+"""A commissioning to look at: the HTML file that needs nothing else, with a line to sign, and rows for a live page.
+Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
 from types import MappingProxyType
+from typing import Any
 
 from .commission import (
     BUILT,
@@ -43,6 +45,29 @@ def page(book: Book, made: str, pictures: Mapping[str, bytes] = NONE) -> str:
     )
 
 
+def rows(book: Book) -> list[dict[str, Any]]:
+    """Every step in order, as JSON takes it: what it is, its state, and what its last run found."""
+    return [_row(book, step) for step in STEPS]
+
+
+def _row(book: Book, step: Step) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        'name': step.name, 'title': step.title, 'needs': step.needs, 'moves': step.moves, 'powered': step.powered,
+        'built': step.built, 'after': list(step.after), 'state': book.state(step.name),
+        'closed': book.closed(step.name),
+    }  # fmt: skip
+    entry = book.entries.get(step.name)
+    if entry is None:
+        return row
+    found = entry.outcome
+    return row | {
+        'date': entry.date, 'firmware': entry.firmware, 'text': found.text, 'old': book.why_old(step.name),
+        'mend': '' if found.passed else found.mend, 'job': found.job, 'pictures': list(found.pictures),
+        'answers': dict(found.answers),
+        'checks': [[c.name, f'{c.value:.4g} {c.unit}'.rstrip(), _limits(c), c.good] for c in found.checks],
+    }  # fmt: skip
+
+
 def _step(book: Book, step: Step, pictures: Mapping[str, bytes]) -> str:
     state = book.state(step.name)
     open_states = (NOT_DONE, BY_HAND, NOT_THERE)
@@ -69,14 +94,14 @@ def _checks(checks: tuple[Check, ...]) -> str:
         return ''
     rows = ''.join(
         f'<tr{"" if c.good else " class=bad"}><td>{escape(c.name)}</td><td>{c.value:.4g} {escape(c.unit)}</td>'
-        f'<td>{_limits(c)}</td></tr>'
+        f'<td>{escape(_limits(c))}</td></tr>'
         for c in checks
     )
     return f'<table><tr><th>found</th><th>value</th><th>limits</th></tr>{rows}</table>'
 
 
 def _limits(check: Check) -> str:
-    return f'{check.low:g} to {check.high:g} {escape(check.unit)}'
+    return f'{check.low:g} to {check.high:g} {check.unit}'.rstrip()
 
 
 def _answers(answers: dict[str, str]) -> str:

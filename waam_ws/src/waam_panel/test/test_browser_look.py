@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from fake_wizard import book_of, question_of
 from page_checks import FOCUS, VIOLATIONS
 from panel_requests import MACHINE
 from test_browser import CHROMIUM, PATIENCE_MS, Screen
@@ -11,7 +14,7 @@ pytest.importorskip('playwright', reason='playwright is not installed (pip insta
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason='chromium is not installed (apt-get)')
 # contrast depends on the theme and what is cut on the size: each with each would find the same
 LOOKS = [((1366, 768), 'dark'), ((1024, 768), 'light'), ((390, 844), 'dark')]
-PAGES = ('run', 'setup', 'move', 'alarms', 'jobs', 'machine', 'gcode', 'standoff')
+PAGES = ('run', 'setup', 'move', 'alarms', 'jobs', 'machine', 'gcode', 'standoff', 'commission')
 DEAD = 'body:not(.lost) #job-tile.stale'
 
 
@@ -60,6 +63,31 @@ def test_no_page_violates_what_a_program_can_check(panel, browser, made_jobs, si
     s.visible('body.lost #lost')
     s.page.click('nav [data-page=run]')
     found += violations(s, 'lost')
+    assert not found, '\n'.join(found)
+
+
+@pytest.mark.parametrize(('size', 'theme'), LOOKS)
+def test_neither_does_a_commissioning_that_asks_or_has_stopped(panel, browser, size, theme):
+    run = panel.cell.commissioning
+    run.book, run.version, run.running = book_of(panel.folder), 1, True
+    run._read = math.inf
+    run.lines.append(
+        'waam: error: as long as a path: /home/somebody/waam/calibrations/cells/gantry1/commission/x.yaml'
+    )
+    s = Screen(browser, *size, color_scheme=theme)
+    s.page.goto(f'{panel.url}#commission')
+    found = []
+    for number, step in enumerate(('', 'long', 'file'), 1):
+        run.asked = question_of(step) | {'number': number, 'wrong': 'wanted is a number'}
+        label = 'Begin with this part' if step == 'file' else 'Enter'
+        s.visible(f'#c-answers button:not([disabled]):text-is("{label}")')
+        found += violations(s, f'asked {step}')
+    run.asked, run.running, run.ended = None, False, 'to mend: it is bridged'
+    s.shows('#c-start', 'Go on with settings')
+    s.visible('#c-ended.bad')
+    for step in ('✓ link', '○ arc'):
+        s.page.click(f'summary:has(b:text-is("{step}"))')
+    found += violations(s, 'stopped')
     assert not found, '\n'.join(found)
 
 

@@ -101,7 +101,7 @@ def test_a_frame_holds_only_what_has_changed(panel):
     assert not any(
         f['sections']
         for f in frames[1:]
-        if 'ages' in f and set(f['sections']) - {'cell', 'programs'}
+        if 'ages' in f and set(f['sections']) - {'cell', 'commission', 'programs'}
     )
 
 

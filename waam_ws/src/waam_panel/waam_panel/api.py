@@ -54,8 +54,10 @@ def number(data: dict[str, Any], name: str, low: float, high: float, unit: str =
 
 
 async def stop(cell: Cell, _: dict[str, Any]) -> str:
-    """Ends the job and stops the machine; Refused only when neither answers. A release is withdrawn."""
+    """Ends the job and stops the machine; Refused only when neither answers. A release is withdrawn, a commissioning
+    ends."""
     cell.at_once(STOP)
+    cell.commissioning.end()
     if cell.shop:
         cell.shop.stop_pressed()
     return await cell.do(cell.operations.stop)

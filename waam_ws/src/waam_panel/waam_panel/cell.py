@@ -27,6 +27,7 @@ from waam_view.worst_places import error_after
 from . import calibrated, history, pictures
 from .archive_page import ArchivePage
 from .background import BackgroundTasks
+from .commissioning import Commissioning
 from .gate import Gate
 from .operations import InShop, Operations, Refused
 from .parts import PartFolders
@@ -67,11 +68,14 @@ class Cell:
     stop_socket: str = ''  # of the bridge, for STOP and HOLD past everything; '' = none
     stop_port: int = 0  # of the second way for STOP of a page; 0 = none
     gate: Gate | None = None  # who is connected; None: not counted
+    # of Python, which commission this cell; () = nothing does
+    commission: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self.archive, self.programs = ArchivePage(self.jobs_dir), Programs(self.parts)
         self.work_lock, self.background = asyncio.Lock(), BackgroundTasks()
         self.throttle = Throttle(self.wrong_token_s)
+        self.commissioning = Commissioning(self.commission)
         self.entries = 0  # of the audit log that wait
         self.writing: set[asyncio.Task[str]] = set()
         self._workers = ThreadPoolExecutor(4, 'command')
@@ -84,6 +88,7 @@ class Cell:
 
     def close(self) -> None:
         """Ends the worker threads without waiting for what they do, and removes the scratch folder."""
+        self.commissioning.end()
         if self.shop:
             self.shop.close()
         self._workers.shutdown(wait=False, cancel_futures=True)
@@ -112,9 +117,11 @@ class Cell:
         return await self.do(self.operations.settings)
 
     def check_no_job(self) -> None:
-        """Raises Refused while a job runs, or may run: its node does not answer."""
+        """Raises Refused while a job runs, or may run: its node does not answer; and while the cell is commissioned."""
         if self.state.job_running:
             raise Refused(self.state.stale(time.monotonic()).get('job') or 'a job is running')
+        if self.commissioning.running:
+            raise Refused('the commissioning runs: end it first (page Commissioning)')
 
     # ---- what arrives
 
@@ -138,6 +145,7 @@ class Cell:
                 except (ValueError, IndexError, TypeError) as e:
                     self.problem = f'{name}: {type(e).__name__}: {e}'
             self.state.look(time.monotonic(), time.time())
+            self.state.sections['commission'] = self.commissioning.shown()
             self.background.start('error map', self._judge)
             self.background.start('shaft', self._look_for_shaft)
             if turn % self.shop_turns == 0 and self.shop:

@@ -37,6 +37,7 @@ FIELDS = {  # of every other command that takes any
     'jog': ('axis', 'direction', 'step', 'held'), 'jog_wire': ('mm',), 'override': ('speed', 'wire'),
     'gain': ('value',), 'acknowledge': ('id',), 'load_job': ('id',), 'queue_release': ('id',),
     'queue_move': ('id', 'place'), 'queue_remove': ('id',), 'queue_hold': ('id',),
+    'commission/start': ('step',), 'commission/answer': ('number', 'answer'),
     'standoff': ('source', 'law', 'set_mm', 'up_mm', 'down_mm', 'wander_mm'),
 }  # fmt: skip
 

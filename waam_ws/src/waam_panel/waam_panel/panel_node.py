@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,10 @@ class PanelParams:
     part_folders: tuple = param(('parts',), 'folders with parts; the first one takes uploads')
     run_dir: str = param(
         '', 'folder of the running graph of waam up, for Restart programs; empty = there is none'
+    )
+    commission: str = param(
+        '',
+        'words of Python that commission this cell, as a shell reads them; empty = the page Commissioning refuses',
     )
     upload_mb: int = param(64, 'largest part that can be uploaded', 'MB', 1, 1024)
     error_range: float = param(
@@ -171,6 +176,7 @@ class Panel(WaamNode):
             calibrations=Path(p.calibrations_dir) if p.calibrations_dir else None,
             stop_socket=p.stop_socket,
             stop_port=p.stop_port,
+            commission=tuple(shlex.split(p.commission)),
         )
         return self._cell
 

@@ -31,6 +31,11 @@ COOKIE = 'waam_session'
 CSRF_HEADER = 'X-Waam-Csrf'
 LOCAL = 'local'  # who asks without a token, on this machine
 _COOKIE = re.compile(r'([0-9a-f]{8})\.([0-9]{1,12})\.([0-9a-f]{64})')
+# what a page may do that was written elsewhere, such as a report: show itself
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    'sandbox allow-popups allow-same-origin'
+)
 LOCAL_NAMES = ('127.0.0.1', 'localhost', '[::1]')
 
 

@@ -88,6 +88,7 @@ async def queue_release(cell: Cell, data: dict[str, Any]) -> str:
     """Its part lies on the table: it starts as soon as the cell is ready. Refused while a job runs."""
     if cell.state.job_running:  # or its node does not answer
         raise Refused('a job is running; release the next one when its part lies on the table')
+    cell.check_no_job()
     return await steer(_release)(cell, data)
 
 

@@ -36,7 +36,7 @@ from .state import UNKNOWN
 
 BELIEVED = ('machine',)  # without news of these nothing starts
 UNSAID = 1000  # entries that wait for a log that cannot be written
-STOPPED = 'STOP was pressed: release it again'
+STOPPED = 'STOP was pressed or a commissioning begun: release it again'
 
 
 class ShopLink:

@@ -20,12 +20,22 @@ from aiohttp import web
 from waam_process.safe_files import FileError
 from waam_shop.roles import Role
 
-from . import api, bodies, history, program_page, routes, shop_api, standoff_page, stream
+from . import (
+    api,
+    bodies,
+    commission_page,
+    history,
+    program_page,
+    routes,
+    shop_api,
+    standoff_page,
+    stream,
+)
 from .auditing import denied, signed_in
 from .cell import CELL, Cell
 from .gate import BACKLOG, IDLE_S, Gate, source_of
 from .routes import VISITOR, WHO, Handler, Route
-from .security import COOKIE, Denied
+from .security import COOKIE, REPORT_POLICY, Denied
 from .worker import WorkError
 
 LINGER_S = (
@@ -38,10 +48,6 @@ FILES = {
 _POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'{stop}; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'; frame-src 'self' http://127.0.0.1:*"
-)
-_REPORT_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
-    'sandbox allow-popups allow-same-origin'
 )
 
 
@@ -180,7 +186,7 @@ async def _report(request: web.Request) -> web.StreamResponse:
         raise web.HTTPNotFound(text=str(e)) from None
     except WorkError as e:
         raise web.HTTPInternalServerError(text=f'the report cannot be made: {e}') from None
-    headers = {'Content-Security-Policy': _REPORT_POLICY}
+    headers = {'Content-Security-Policy': REPORT_POLICY}
     return web.Response(body=page, content_type='text/html', charset='utf-8', headers=headers)
 
 
@@ -198,7 +204,8 @@ ROUTES = (
     Route('GET', '/jobs/{id}/{inner}/report.html', Role.VIEW, _report),
 )  # fmt: skip
 ALL_ROUTES = (
-    *ROUTES, *api.ROUTES, *program_page.ROUTES, *shop_api.ROUTES, *standoff_page.ROUTES, *stream.ROUTES,
+    *ROUTES, *api.ROUTES, *commission_page.ROUTES, *program_page.ROUTES, *shop_api.ROUTES, *standoff_page.ROUTES,
+    *stream.ROUTES,
 )  # fmt: skip
 
 

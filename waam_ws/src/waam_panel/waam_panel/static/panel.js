@@ -3,6 +3,7 @@ import { $, duration, element, fixed, get, makeTable, post, reportLink, rows, st
 import { acknowledgeTop, bindAlarms, clearAlarms, showAlarms, showTable } from './alarms.js';
 import { bindArchive, drawChart } from './archive.js';
 import { bindPrograms, drawProgram, programs } from './programs.js';
+import { bindCommission, readCommission, showCommission } from './commission.js';
 import { showHeader } from './header.js';
 import { bindJog, jogKeys, letGo, makeSteps } from './jog.js';
 import { bindKeys } from './keys.js';
@@ -49,7 +50,7 @@ function bind() {
   window.addEventListener('resize', redraw);
   $('map-tabs').addEventListener('click', redraw);
   bindKeys(keys(), stop);
-  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindNumbers(); bindPrograms(); bindSetup(); bindStandoff();
+  bindAlarms(open); bindArchive(); bindJog(); bindMap(); bindNumbers(); bindPrograms(); bindSetup(); bindStandoff(); bindCommission();
 }
 
 // name of a key: see keys.js
@@ -70,6 +71,7 @@ function open(name) {
   if (name === 'jobs') jobs();
   if (name === 'gcode') programs().then(drawProgram);
   if (name === 'standoff') readStandoff();
+  if (name === 'commission') readCommission();
 }
 
 function theme() {
@@ -157,6 +159,7 @@ function onFrame(frame) {
   addSamples(frame.samples);
   showValues(s.telemetry, s.heat, s.temperature); showProcess(s.process); showWidth(s.width, s.width_ratio);
   showStandoff(s.standoff, s.telemetry, why('standoff'), why('machine'), running); showViewer(s.viewer);
+  showCommission(s.commission, page === 'commission');
   showHeader(s, running, why('panel'));
   if (page === 'machine') showFacts(s);
   moveTorch(known(s, 'telemetry'), s.cell); refresh(frame.maps);
