@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,14 @@ from waam_panel.commissioning import Commissioning
 from waam_panel.setup_form import JobSetup
 
 WIZARD = str(Path(__file__).with_name('fake_wizard.py'))
+
+
+@pytest.fixture(autouse=True)
+def interruptible():
+    """As in a node: what a shell started in its background ignores SIGINT, and so would the children of these tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture
