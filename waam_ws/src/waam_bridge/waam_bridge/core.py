@@ -35,7 +35,7 @@ class Bridge(Machine):
         self.standoff = Standoff(params)
         self.temperature = PartTemperature(params)
         self.gantry = Gantry(params)
-        self.accelerometer = Accelerometer(getattr(params, 'accelerometer_axes', 'x y z'))
+        self.accelerometer = Accelerometer(params.accelerometer_axes)
         self._tick = 0
         self._resends = ResendWatch()
 

@@ -39,6 +39,7 @@ class CommonParams:
     voltage_min: float = param(12.0, 'lowest voltage of the source', 'V', 0.0, 100.0)
     voltage_max: float = param(36.0, 'highest voltage of the source', 'V', 0.0, 100.0)
     csv_log: str = param('', "file of the operator's CSV log; empty = none")
+    accelerometer_axes = 'x y z'  # no parameter here: only a board has the sensor
 
     def __post_init__(self) -> None:
         for name in ('arc_speed', 'wire_feed', 'voltage'):

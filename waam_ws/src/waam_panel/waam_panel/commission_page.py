@@ -37,13 +37,10 @@ async def start(cell: Cell, data: dict[str, Any]) -> str:
 async def answer(cell: Cell, data: dict[str, Any]) -> str:
     """number: of the question; answer: a word of it, the name of a part where it wants a file, or as many numbers as it
     wants, as people type them."""
-    run = cell.commissioning
-    asked: dict[str, Any] = run.asked or {}
-    if not isinstance(data.get('number'), int) or data['number'] != asked.get('number'):
-        raise Refused('that is not asked any more; look at what is asked now')
+    asked = cell.commissioning.question(data.get('number'))
     if 'do' in asked and not asked['wait']:
         raise Refused('the cell looks for itself whether that is done')
-    run.answer(data['number'], _said(cell, asked, data.get('answer', '')))
+    cell.commissioning.answer(asked['number'], _said(cell, asked, data.get('answer', '')))
     return 'told'
 
 

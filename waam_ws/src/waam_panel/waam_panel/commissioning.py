@@ -76,10 +76,15 @@ class Commissioning:
         if self._stopped:
             self.end()
 
-    def answer(self, number: int, text: str) -> None:
-        """To what is asked under this number. Refused for another one: the page was old."""
-        if self.asked is None or self.asked['number'] != number:
+    def question(self, number: object) -> dict[str, Any]:
+        """What is asked under this number. Refused for another one: the page was old."""
+        if self.asked is None or not isinstance(number, int) or self.asked['number'] != number:
             raise Refused('that is not asked any more; look at what is asked now')
+        return self.asked
+
+    def answer(self, number: int, text: str) -> None:
+        """To what is asked under this number; refused as `question`."""
+        self.question(number)
         assert self._child and self._child.stdin
         self.asked = None
         self._child.stdin.write(json.dumps({'answer': text}).encode() + b'\n')
@@ -132,9 +137,11 @@ class Commissioning:
     def _last_words(self, status: int) -> str:
         if status == 0:
             return 'done'
-        if status in (130, -signal.SIGINT):
-            return 'ended by hand; the step that ran has found nothing'
         last = self.lines[-1] if self.lines else f'ended with {status}'
+        # a Python that is interrupted while it begins ends with 1
+        interrupted = self._stopped and last == KeyboardInterrupt.__name__
+        if interrupted or status in (130, -signal.SIGINT):
+            return 'ended by hand; the step that ran has found nothing'
         return last.removeprefix(ERROR)
 
     # ---- the book
